@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent
-PACKAGES = ("amb_core", "amb_ros", "amb_controller_node", "amb_sim_node", "amb_ident_node", "amb_bringup")  # upwards
+PACKAGES = (  # upwards
+    *("amb_core", "amb_ros", "amb_controller_node", "amb_sim_node", "amb_ident_node", "amb_bringup", "amb_paper"),
+)
 
 
 def files_of(package: str) -> list[Path]:

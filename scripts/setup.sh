@@ -139,14 +139,14 @@ compile_kernels() {
     (
         set +u    # the set-up files that colcon writes do without
         source scripts/env.sh
-        python -m amb_core.warm_up
+        python -m amb_core.rig.warm_up
     )
     kernel_state | checksum > "$kernel_stamp"
 }
 
 # For the target emulator. It builds the library by itself when that is missing, so set-up continues without gcc.
 build_target() {
-    ( set +u; source scripts/env.sh; python -c 'import amb_core.emulation.library as library; exit(library.main())' ) ||
+    ( set +u; source scripts/env.sh; python -c 'import amb_core.rig.emulation.library as library; exit(library.main())' ) ||
         say "warning: without it the target emulator does not start; the rest works"
 }
 

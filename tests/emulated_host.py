@@ -8,12 +8,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.target import (
+from amb_core.rig.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.rig.link import (
     Answer,
     Command,
     CommandWriter,

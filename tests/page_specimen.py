@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_core.figures import bode_chart, orbit_chart, response_chart
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.loop.records import LoopRecord
-from amb_core.report.certificate_trace import signatures
-from amb_core.report.document import Badge, FigureBlock, Listing, Prose, Report, Section, TableBlock, VerdictStrip
-from amb_core.report.writer import write_report
+from amb_core.report.figures import bode_chart, orbit_chart, response_chart
+from amb_core.report.pages.certificate_trace import signatures
+from amb_core.report.pages.document import Badge, FigureBlock, Listing, Prose, Report, Section, TableBlock, VerdictStrip
+from amb_core.report.pages.writer import write_report
 
 POLE = "-0.242376 ± 0.712525j"
 LONG = "noise and distortion together 53 % on x, 29 % on y (distortion alone not measured)"

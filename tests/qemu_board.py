@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from amb_core.target.byte_stream import StreamReader, to_stream
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.byte_stream import StreamReader, to_stream
+from amb_core.rig.link.reference import SOURCE
 
 PORT = SOURCE / "ports" / "mps2_an500"
 PROCESSOR = ("-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard")

@@ -7,11 +7,18 @@ import time
 from collections.abc import Callable
 from typing import Any, Self, TypeVar
 
-from amb_core.emulation import LOCALHOST, Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
-from amb_core.emulation.listening import PSEUDO_TERMINAL
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
+from amb_core.rig.emulation import (
+    LOCALHOST,
+    Address,
+    FaultParameters,
+    LimitParameters,
+    TargetEmulator,
+    reference_library,
+)
+from amb_core.rig.emulation.listening import PSEUDO_TERMINAL
 
 BLOCK = 10  # steps
 T = TypeVar("T")

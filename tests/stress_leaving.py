@@ -34,7 +34,7 @@ from pathlib import Path
 from domain_coordinator import domain_id
 
 from amb_bringup.client import AmbClient
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 from amb_core.recording import inspect_bag
 from amb_msgs.srv import RunSteps
 from tests.delayed_discovery import build_delayed_discovery, delays

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.pd_parameters import pack_gains
-from amb_core.model import StateSpaceModel
-from amb_core.target import (
+from amb_core.rig.link import (
     LOOPBACK,
     Answer,
     Command,
@@ -40,8 +40,8 @@ from amb_core.target import (
     excitation_upload,
     hello,
 )
-from amb_core.target.layout import VERSION, UploadKind
-from amb_core.target.reference import VERSION as FIRMWARE
+from amb_core.rig.link.layout import VERSION, UploadKind
+from amb_core.rig.link.reference import VERSION as FIRMWARE
 
 GOLDEN = Path(__file__).parent / "data" / "target" / "frames.json"
 KEY, NONCE = bytes(range(32)), bytes(range(0xA0, 0xB0))

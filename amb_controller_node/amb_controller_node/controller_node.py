@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import CommonParameters
-from amb_core.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, one_line
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord

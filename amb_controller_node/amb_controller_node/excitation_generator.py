@@ -19,11 +19,11 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from amb_controller_node.parameters import GeneratorParameters
-from amb_core.errors import ExcitationError, ParameterError, RegionError
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import excitation_from_request, generate
+from amb_core.ground.errors import ExcitationError, ParameterError, RegionError
+from amb_core.ground.parameters import Parameters
 from amb_core.loop.machine import Machine
-from amb_core.parameters import Parameters
 from amb_core.recording.messages.excitation import fill_excitation
 from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorState
 from amb_msgs.msg import RegionMap as RegionMapMessage
@@ -135,8 +135,8 @@ class ExcitationGeneratorNode(Node):
         self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
     ) -> PreviewExcitation.Response:
         # Imported here: a generator that only starts excitations does not need it.
-        from amb_core.excitation_design import check_excitation
-        from amb_core.excitation_design.notes import made_with
+        from amb_core.designs.excitation import check_excitation
+        from amb_core.designs.excitation.notes import made_with
         from amb_core.loop.pd_parameters import ControllerParameters
         from amb_core.plant import PlantParameters
         from amb_core.regions import Region

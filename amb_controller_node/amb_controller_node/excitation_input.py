@@ -19,9 +19,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.timer import Timer
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import Playback
 from amb_core.excitation.playback import WINDOW
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics

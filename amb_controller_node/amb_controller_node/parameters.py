@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from amb_core.ground.parameters import Parameters, choice, quantity
 from amb_core.loop.allowed_changes import AllowedChanges
 from amb_core.loop.known_controller import ControllerFileParameters
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import Parameters, choice, quantity
 
 
 class CommonParameters(Parameters):

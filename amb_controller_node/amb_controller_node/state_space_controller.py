@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from amb_controller_node.controller_node import ControllerNode
 from amb_controller_node.parameters import StateSpaceControllerParameters
-from amb_core.errors import AmbError, ParameterError, one_line
+from amb_core.ground.errors import AmbError, ParameterError, one_line
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.linear_control import LinearController, pd_as_linear, with_anti_windup
 from amb_core.loop.linear_parameters import require_order
 from amb_core.loop.machine import Machine
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.model import StateSpaceModel
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage
 from amb_ros import topics

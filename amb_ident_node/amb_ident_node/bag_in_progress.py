@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording import BagWriter
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_ident_node.completeness import Mark

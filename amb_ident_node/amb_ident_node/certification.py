@@ -7,12 +7,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from amb_core.analysis import RecordedLoop
-from amb_core.errors import BagError, IdentificationError, RobustnessError
-from amb_core.identification.controller_choice import NO_CONTROLLER, is_named_set
+from amb_core.data.analysis import RecordedLoop
+from amb_core.data.controller_choice import NO_CONTROLLER, is_named_set
+from amb_core.ground.errors import BagError, IdentificationError, RobustnessError
+from amb_core.ground.parameters import part_of
 from amb_core.loop.known_controller import KnownController
-from amb_core.parameters import part_of
-from amb_core.report.certification import InMemory, Request, certify_request
+from amb_core.report.pages.certification import InMemory, Request, certify_request
 from amb_core.robustness import RobustnessSettings
 from amb_core.robustness.certificate_json import certificate_json, compared_values
 from amb_core.robustness.trace import CertificateHeader
@@ -72,7 +72,7 @@ class Certifier:
         )
         found = certify_request(request_of(request), given)
         if request.out:
-            from amb_core.report.certificate import write_certificate  # loads plotly
+            from amb_core.report.pages.certificate import write_certificate  # loads plotly
 
             response.page = str(write_certificate(found, request.out).absolute())
         return fill_answer(response, found, certificate_json(found))

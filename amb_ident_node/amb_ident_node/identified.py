@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from amb_core.analysis import RecordedLoop
+from amb_core.data.analysis import RecordedLoop
 from amb_core.identification import Identification
 
 

@@ -14,11 +14,11 @@ from typing import Any, Literal
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import BagError, IdentificationError, one_line
+from amb_core.data.experiments.drift import DriftOption
+from amb_core.ground.errors import BagError, IdentificationError, one_line
+from amb_core.ground.parameters import Parameters, choice, quantity
 from amb_core.identification import Focus, IdentificationProgress, Method, StateSpaceModel, identify, validate
-from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
-from amb_core.parameters import Parameters, choice, quantity
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.time_stamp import stamped_time
 from amb_ident_node.completeness import (

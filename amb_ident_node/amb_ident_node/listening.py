@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData
 from amb_core.loop.experiments import AppliedExcitation, ExperimentBuffer, select_window
 from amb_core.loop.records import LoopRecord

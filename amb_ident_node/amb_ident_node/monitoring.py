@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, describe_gaps

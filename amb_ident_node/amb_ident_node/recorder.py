@@ -22,7 +22,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-from amb_core.errors import AmbError, BagError, ParameterError, one_line
+from amb_core.ground.errors import AmbError, BagError, ParameterError, one_line
 from amb_core.recording import BagWriter
 from amb_core.recording.messages.loop_samples import steps_in
 from amb_core.recording.messages.parameters import ParameterValue

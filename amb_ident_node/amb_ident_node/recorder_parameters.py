@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.ground.parameters import Parameters, choice, quantity, switch
 
 
 class RecorderParameters(Parameters):

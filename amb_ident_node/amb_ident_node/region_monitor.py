@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import BagError, RegionError, one_line
+from amb_core.ground.errors import BagError, RegionError, one_line
+from amb_core.ground.parameters import choice, load_parameters, part_of, quantity
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import choice, load_parameters, part_of, quantity
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.region_map import fill_region_map, map_settings_from_message
@@ -83,7 +83,7 @@ class RegionMonitorNode(Node):
         self._settings = declare(self, RegionMonitorParameters)
         self._regions = part_of(RegionParameters, self._settings.model_dump())
         if self._settings.scheduler:
-            from amb_core.tasks.cluster import check_address  # loads the library of the cluster
+            from amb_core.ground.tasks.cluster import check_address  # loads the library of the cluster
 
             check_address(self._settings.scheduler)
         rehearse()  # nothing is compiled once telemetry arrives

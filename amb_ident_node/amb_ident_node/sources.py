@@ -8,21 +8,21 @@ from typing import Any, TypeVar
 
 from rclpy.node import Node
 
-from amb_core.analysis import RecordedLoop, read
-from amb_core.errors import AmbError, BagError, IdentificationError, ParameterError
-from amb_core.files.parameter_files import BRIDGE_NODE, CONTROLLERS
-from amb_core.identification.controller_choice import (
+from amb_core.data.analysis import RecordedLoop, read
+from amb_core.data.controller_choice import (
     ALLOWED,
     NO_CONTROLLER,
     is_named_set,
     named_controller,
     needs_controller,
 )
-from amb_core.identification.data import DataDescription
+from amb_core.data.experiments import DataDescription
+from amb_core.ground.errors import AmbError, BagError, IdentificationError, ParameterError
+from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS
+from amb_core.ground.parameters import Parameters, part_of
 from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import Parameters, part_of
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_ident_node.listening import LiveExperiment

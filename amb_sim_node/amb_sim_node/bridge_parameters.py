@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Literal
 
+from amb_core.ground.parameters import Parameters, choice, quantities, quantity, switch
 from amb_core.loop.allowed_changes import AllowedChanges
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.real_time import RealTimeParameters
-from amb_core.parameters import Parameters, choice, quantities, quantity, switch
 from amb_core.rig import ProtectionParameters
-from amb_core.target import PORT, SILENCE
+from amb_core.rig.link import PORT, SILENCE
 
 
 class LinkParameters(Parameters):

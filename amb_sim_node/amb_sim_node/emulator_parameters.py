@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from amb_core.emulation import LOCALHOST, FaultParameters, LimitParameters
+from amb_core.ground.parameters import Parameters, choice, quantity, switch
 from amb_core.loop.real_time import RealTimeParameters
-from amb_core.parameters import Parameters, choice, quantity, switch
-from amb_core.target import PORT
+from amb_core.rig.emulation import LOCALHOST, FaultParameters, LimitParameters
+from amb_core.rig.link import PORT
 
 
 class TargetEmulatorParameters(Parameters):

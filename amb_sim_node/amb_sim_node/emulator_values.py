@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from amb_core.emulation import EmulatorReport, LinkCount
 from amb_core.loop.pace import pace_values
+from amb_core.rig.emulation import EmulatorReport, LinkCount
 
 
 def emulator_values(port: int, report: EmulatorReport) -> dict[str, object]:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from amb_core.files.parameter_files import ParameterFile
+from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.parameters import own_declarations
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import own_declarations
 
 
 def gains_in(arguments: Sequence[str], namespace: str) -> dict[str, Any]:

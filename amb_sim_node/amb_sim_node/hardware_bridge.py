@@ -18,11 +18,11 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import Trigger
 
-from amb_core.errors import AmbError, TargetError, one_line
+from amb_core.ground.errors import AmbError, TargetError, one_line
+from amb_core.ground.parameters import flatten
 from amb_core.loop.real_time import enter_real_time
-from amb_core.parameters import flatten
 from amb_core.rig import ExcitationProtection
-from amb_core.target import (
+from amb_core.rig.link import (
     HostLoopLink,
     TargetDescription,
     TargetLink,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from amb_core.errors import ParameterError
-from amb_core.files.package_files import located
-from amb_core.files.parameter_files import ParameterFile
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.files.package_files import located
+from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.parameters import load_parameters
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import load_parameters
 from amb_core.plant import PlantParameters
 from amb_sim_node.gains import files_among
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
+from amb_core.ground.parameters import quantity, switch
 from amb_core.loop.real_time import RealTimeParameters
-from amb_core.parameters import quantity, switch
 from amb_core.plant import PlantParameters
 
 LONGEST_PERIOD = 0.05  # s of wall-clock time between two paced steps; services wait as long

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from amb_core.errors import ExcitationError, ParameterError
 from amb_core.excitation import ExcitationSignal
+from amb_core.ground.errors import ExcitationError, ParameterError
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_sim_node.bridge_parameters import BridgeParameters
 
@@ -23,7 +23,7 @@ def guard_of(settings: BridgeParameters, controller: KnownController) -> Guard:
     """
     if not settings.region_map or settings.beyond_region_a == "allow":
         return lambda _signal: None
-    from amb_core.excitation_design.beyond_a import highest_load  # loads a compiler
+    from amb_core.designs.excitation.beyond_a import highest_load  # loads a compiler
     from amb_core.regions.region_map import RegionMap
 
     if isinstance(controller, LinearControl):

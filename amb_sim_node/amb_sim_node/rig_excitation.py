@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from amb_core.errors import AmbError, ExcitationError, one_line
 from amb_core.excitation import ExcitationSignal, Playback
 from amb_core.excitation.playback import instantaneous_frequency
+from amb_core.ground.errors import AmbError, ExcitationError, one_line
 from amb_core.loop.machine import Machine
 from amb_core.rig import ExcitationProtection, Runs
-from amb_core.target import ExcitationPhase, TargetLink, TargetState, TooLateError
+from amb_core.rig.link import ExcitationPhase, TargetLink, TargetState, TooLateError
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
 from amb_ros.excitation_answers import ExcitationAnswers, answer_to, identity_of

@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 
-from amb_core.errors import TargetError
+from amb_core.ground.errors import TargetError
 from amb_core.rig import Runs
-from amb_core.target import HostLoopLink, TargetState, TelemetryBlock
+from amb_core.rig.link import HostLoopLink, TargetState, TelemetryBlock
 from amb_msgs.msg import CurrentReference, RotorPosition
 from amb_ros import topics
 from amb_ros.qos import STREAM

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import entry_points
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import part_of
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.parameters import part_of
-from amb_core.target import AmbUdpLink, HostLoopLink, TargetLink
-from amb_core.target.key_file import read_key
+from amb_core.rig.link import AmbUdpLink, HostLoopLink, TargetLink
+from amb_core.rig.link.key_file import read_key
 from amb_sim_node.bridge_parameters import BridgeParameters, LinkParameters
 
 LINKS = "amb.links"

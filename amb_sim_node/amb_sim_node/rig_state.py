@@ -9,7 +9,7 @@ from rclpy.node import Node
 
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.recording.messages.machine import fill_machine
-from amb_core.target import Limits, TargetLink
+from amb_core.rig.link import Limits, TargetLink
 from amb_msgs.msg import BridgeState, Machine, MachineAxis, MachineBearing
 from amb_ros import diagnostics, topics
 from amb_ros.qos import LATCHED

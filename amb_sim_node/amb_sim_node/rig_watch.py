@@ -16,8 +16,8 @@ from rclpy.node import Node
 from amb_core.loop.machine import Machine
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.rig import BridgeTrip, Runs, RunSamples, TripLog, describe
+from amb_core.rig.link import TargetDescription, TargetState, TargetStatus, TelemetryBlock, Trip
 from amb_core.rig.trips import axis_of
-from amb_core.target import TargetDescription, TargetState, TargetStatus, TelemetryBlock, Trip
 from amb_msgs.msg import AxisSamples, LoopSamples
 from amb_msgs.msg import Trip as TripMessage
 from amb_ros import topics

@@ -15,11 +15,11 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from amb_core.errors import AmbError, ParameterError, PlantError
+from amb_core.ground.errors import AmbError, ParameterError, PlantError
+from amb_core.ground.parameters import load_parameters
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.pace import Pace, pace_values
 from amb_core.loop.real_time import enter_real_time
-from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
 from amb_core.recording.messages.machine import fill_machine
 from amb_core.recording.messages.plant_state import fill_plant_state

@@ -1,6 +1,6 @@
 """Node `target_emulator`: a rig without hardware. The C target runs around the plant behind a UDP socket.
 
-The target runs in a process of its own (`amb_core.emulation.process`). The node has its parameters, a service that
+The target runs in a process of its own (`amb_core.rig.emulation.process`). The node has its parameters, a service that
 boots it, and its diagnostics. It has no topics of the loop: hosts reach it by AMB-UDP, as they reach a rig.
 """
 
@@ -12,13 +12,13 @@ from functools import partial
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from amb_core.emulation import Address, EmulatorProcess, EmulatorReport, EmulatorSettings, as_on_a_rig
-from amb_core.emulation.faulty_coils import FaultyCoils
-from amb_core.emulation.faulty_sensors import faulty_axes
-from amb_core.emulation.load import ENOUGH
-from amb_core.errors import TargetError
+from amb_core.ground.errors import TargetError
 from amb_core.plant.machine import machine_of
-from amb_core.target.key_file import read_key
+from amb_core.rig.emulation import Address, EmulatorProcess, EmulatorReport, EmulatorSettings, as_on_a_rig
+from amb_core.rig.emulation.faulty_coils import FaultyCoils
+from amb_core.rig.emulation.faulty_sensors import faulty_axes
+from amb_core.rig.emulation.load import ENOUGH
+from amb_core.rig.link.key_file import read_key
 from amb_ros import diagnostics, topics
 from amb_ros.parameters import declare
 from amb_ros.process import run_node

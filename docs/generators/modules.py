@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "reference" / "api"
 """Where the pages are written."""
 
-READMES = tuple(ROOT / "src" / package / "README.md" for package in ("amb_core", "amb_ros", "amb_bringup"))
+READMES = tuple(ROOT / "src" / package / "README.md" for package in ("amb_core", "amb_ros", "amb_bringup", "amb_paper"))
 
 
 def offered() -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amb_core.results import NAMES
+from amb_core.ground.results import NAMES
 
 
 def result_names() -> str:

@@ -10,7 +10,7 @@ from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
 
-from amb_core.target import Code, Limits, TargetState, TripReason
+from amb_core.rig.link import Code, Limits, TargetState, TripReason
 from tests.safety_case.hazards import BARRIERS
 from tests.safety_case.states import recorded, total
 from tests.soak.conformance import FAULTS

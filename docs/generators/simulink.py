@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from amb_core.target.layout import CHECKSUM, HEADER, TelemetryOption
+from amb_core.rig.link.layout import CHECKSUM, HEADER, TelemetryOption
 
 TYPES = {"B": "uint8", "s": "uint8", "H": "uint16", "I": "uint32", "Q": "uint64"}
 """Types of Simulink by the letters of `struct`."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from amb_bringup.node_parameters import PARAMETERS
+from amb_bringup.graph.node_parameters import PARAMETERS
 from amb_core.excitation import KINDS, Excitation
-from amb_core.parameters import Declaration, Parameters, declarations, own_declarations
+from amb_core.ground.parameters import Declaration, Parameters, declarations, own_declarations
 
 TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

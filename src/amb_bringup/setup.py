@@ -24,7 +24,7 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.npz"))),
         ("bin", ["bin/amb"]),  # colcon puts bin/ on PATH, so `amb` works wherever the workspace is sourced
     ],
-    install_requires=["PyYAML>=6,<7", "numpy>=1.26,<3", "rich>=13.7", "scipy>=1.11,<2", "typer>=0.12.4"],
+    install_requires=["PyYAML>=6,<7", "numpy>=1.26,<3", "rich>=13.7", "typer>=0.12.4"],
     extras_require={
         "foxglove": ["foxglove-sdk>=0.30,<0.31"],  # pinned in requirements-foxglove.txt
         "test": ["hypothesis", "pytest", "pytest-timeout"],

@@ -24,9 +24,9 @@ EXTRAS = {
     "figures": ["Jinja2>=3.1,<4", "MarkupSafe>=2.1,<4", "matplotlib>=3.6,<4", "plotly>=6,<7"],
     "files": ["Jinja2>=3.1,<4", "h5py>=3.10,<4", "pyarrow>=14"],
 }
-TARGET = [f"target/c/{files}" for files in ("*.[ch]", "hosted/*.[ch]")]  # the C code, for the target emulator
+TARGET = [f"rig/link/c/{files}" for files in ("*.[ch]", "hosted/*.[ch]")]  # the C code, for the target emulator
 if not all(glob(f"{NAME}/{files}") for files in TARGET):
-    raise SystemExit(f"{NAME}/target/c, which links to the folder target of the checkout, has no C code")
+    raise SystemExit(f"{NAME}/rig/link/c, which links to the folder target of the checkout, has no C code")
 
 setup(
     name=NAME,
@@ -40,9 +40,9 @@ setup(
     package_data={
         NAME: [
             "py.typed",
-            *("figures/*.j2", "figures/page.css", "figures/draw.js"),
-            "export/templates/*.j2",
-            *("report/*.j2", "report/page.css", "report/page.js"),
+            *("report/figures/*.j2", "report/figures/page.css", "report/figures/draw.js"),
+            "recording/export/templates/*.j2",
+            *("report/pages/*.j2", "report/pages/page.css", "report/pages/page.js"),
             *TARGET,
         ]
     },

@@ -12,12 +12,12 @@ from pathlib import Path
 from domain_coordinator import domain_id
 
 from amb_bringup.client import AmbClient
+from amb_core.ground.parameters import load_parameters
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.parameters import load_parameters
 from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
-from amb_core.simulation import simulate
 from amb_msgs.msg import LoopSamples
 from amb_ros.qos import HISTORY
 
@@ -41,7 +41,7 @@ def measure_four_axes(steps: int = STEPS) -> dict[str, float | bool]:
 
 def _measure(arguments: list[str], parameters: PlantParameters, steps: int, domain: int) -> dict[str, float | bool]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
-    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.composed_loop", *arguments], env=environment)
+    process = subprocess.Popen([sys.executable, "-m", "amb_bringup.graph.composed_loop", *arguments], env=environment)
     blocks: list[LoopSamples] = []
     try:
         with AmbClient(domain_id=domain) as amb:

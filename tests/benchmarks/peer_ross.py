@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import PlantError
+from amb_core.designs.tuning.pd_gains import choose_gains
+from amb_core.ground.errors import PlantError
 from amb_core.loop.control import PdController
 from amb_core.plant import FlexibleRotorParameters, Plant, PlantParameters, RotorParameters, modal_data_from_ross
 from amb_core.plant.ross_source import ross_rotor
-from amb_core.tuning.pd_gains import choose_gains
 from tests.benchmarks.skipped import Skipped
 
 LENGTH, DIAMETER, NODES, BEARINGS = 0.6, 0.05, 7, (1, 5)  # m, m, -, nodes

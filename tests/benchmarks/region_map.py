@@ -9,7 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
-import amb_core.tasks.pool  # noqa: F401 - the clusters' library is loaded before the clock starts
+import amb_core.ground.tasks.pool  # noqa: F401 - the clusters' library is loaded before the clock starts
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions.region_map import MapSettings, build_map

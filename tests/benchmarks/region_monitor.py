@@ -22,8 +22,8 @@ from amb_core.excitation import Sweep, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
+from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import fill_loop_samples
-from amb_core.simulation import simulate
 from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
 from amb_ros.qos import HISTORY
 

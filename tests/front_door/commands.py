@@ -24,7 +24,7 @@ from pydantic import RootModel
 from typer.main import get_command
 
 from amb_bringup.cli import app
-from amb_bringup.packages import find_executable, share_folder
+from amb_bringup.graph.packages import find_executable, share_folder
 from docs.generators.commands import commands
 from tests.benchmarks.robust.emulator import SLOW
 from tests.front_door import entries

@@ -19,7 +19,10 @@ from pathlib import Path
 from tests.front_door.figures import Figures
 from tests.front_door.results import ROOT, results_file
 
-PACKAGES = ("src/amb_core", "src/amb_ros", "src/amb_bringup", "amb_sim_node", "amb_controller_node", "amb_ident_node")
+PACKAGES = (
+    *("src/amb_core", "src/amb_ros", "src/amb_bringup", "src/amb_paper"),
+    *("amb_sim_node", "amb_controller_node", "amb_ident_node"),
+)
 LIST = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/unit/test_front_door.py")
 VALIDATION = ("-m", "tests.front_door.run", "tests.validation.run")
 TARGET_FUZZ = ("-m", "tests.front_door.run", "tests.fuzz.target")

@@ -14,9 +14,9 @@ import yaml
 from domain_coordinator import domain_id
 
 from amb_bringup.client import NODES
-from amb_bringup.connection import GraphConnection
-from amb_bringup.launcher import Graph, launch_file
-from amb_bringup.packages import share_folder
+from amb_bringup.client.connection import GraphConnection
+from amb_bringup.graph.launcher import Graph, launch_file
+from amb_bringup.graph.packages import share_folder
 from amb_ros import middleware
 
 NAMESPACE = "amb"

@@ -18,7 +18,7 @@ from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from amb_bringup.client import NODES
-from amb_bringup.connection import ClientError
+from amb_bringup.client.connection import ClientError
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps, StopRecording
 from amb_ros.qos import LATCHED

@@ -84,8 +84,8 @@ class Found:
 
 def seeds(folder: Path) -> list[Path]:
     """Whole files of all kinds."""
-    from amb_core.analysis import read
-    from amb_core.identification.data import write_data
+    from amb_core.data.analysis import read
+    from amb_core.data.experiments import write_data
     from tests.unit.conftest import LinearBearing
     from tests.written_bags import write_telemetry
 
@@ -153,11 +153,11 @@ def read_as_commands_do(path: Path) -> str:
 
     from amb_bringup.commands.bag import _runs, _topics
     from amb_bringup.commands.own_data import DataOptions
-    from amb_core.files.file_errors import reading
-    from amb_core.files.matlab import load_variables
+    from amb_core.data.tables import ENDINGS
+    from amb_core.ground.files.file_errors import reading
+    from amb_core.ground.files.matlab import load_variables
     from amb_core.identification import StateSpaceModel
     from amb_core.recording import Recording
-    from amb_core.tables import ENDINGS
 
     console = Console(file=open(os.devnull, "w"), width=200)  # noqa: PTH123, SIM115
     if path.stem.startswith("model") or path.suffix == ".json":
@@ -230,7 +230,7 @@ def attempt(jobs: Sequence[Job], spool: Path) -> Iterator[tuple[str, dict[str, s
 
 
 def _attempted(job: Job, spool: Path) -> dict[str, str]:
-    from amb_core.errors import AmbError
+    from amb_core.ground.errors import AmbError
 
     found = {}
     shown = ""

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.figures import bode_chart
-from amb_core.figures.saving import SCRIPT
 from amb_core.identification.frequency_response import FrequencyResponse
-from amb_core.report.document import Badge, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
-from amb_core.report.writer import write_report
+from amb_core.report.figures import bode_chart
+from amb_core.report.figures.saving import SCRIPT
+from amb_core.report.pages.document import Badge, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
+from amb_core.report.pages.writer import write_report
 from tests.benchmarks.skipped import Skipped
 from tests.graph.live_page import CHROMIUM, open_browser
 

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.reference import SOURCE
 from tests.front_door.results import results_file
 from tests.target_rig import KEY, golden
 

@@ -17,7 +17,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.node import Node
 
-from amb_bringup.packages import share_folder
+from amb_bringup.graph.packages import share_folder
 from amb_core.recording.messages.region_map import fill_region_map
 from amb_core.regions.region_map import RegionMap
 from amb_msgs import msg

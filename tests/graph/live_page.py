@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Log
 
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 from amb_ros.qos import EVERY_STATE
 from tests.graph.limits import TIMEOUT
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_bringup.launcher import Graph, launch_file
-from amb_bringup.packages import share_folder
+from amb_bringup.graph.launcher import Graph, launch_file
+from amb_bringup.graph.packages import share_folder
 from amb_controller_node.parameters import GeneratorParameters, PdControllerParameters
-from amb_core.parameters import load_parameters
+from amb_core.ground.parameters import load_parameters
 from amb_core.recording import Recording
 from amb_core.regions import Region
 from amb_sim_node.parameters import SimulatorParameters

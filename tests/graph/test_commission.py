@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_bringup.packages import find_executable
-from amb_core.files.parameter_files import RIG_NODES
-from amb_core.model import StateSpaceModel
+from amb_bringup.graph.packages import find_executable
+from amb_core.ground.files.parameter_files import RIG_NODES
+from amb_core.linear.model import StateSpaceModel
 from amb_core.recording import Recording
 from tests.graph.rig import PATIENT, config, free_port
 

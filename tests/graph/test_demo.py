@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from amb_bringup.client import NODES
-from amb_bringup.demo import run_demo
-from amb_bringup.packages import share_folder
+from amb_bringup.demos.demo import run_demo
+from amb_bringup.graph.packages import share_folder
 from amb_core.identification import StateSpaceModel
 from amb_core.recording import Recording
 

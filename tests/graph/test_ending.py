@@ -15,8 +15,8 @@ import pytest
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
-from amb_bringup.launch_file import NodeProcess as Launched
-from amb_bringup.launcher import Graph as Launcher
+from amb_bringup.graph.launch_file import NodeProcess as Launched
+from amb_bringup.graph.launcher import Graph as Launcher
 from amb_ros import shared_memory
 from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.graph.limits import TIMEOUT
@@ -90,7 +90,7 @@ while True:
 """
 GOING_ON = """
 import sys
-from amb_bringup.connection import GraphConnection
+from amb_bringup.client.connection import GraphConnection
 connection = GraphConnection("", 10.0, None, ())
 sys.stdin.readline()
 connection.close()

@@ -18,7 +18,7 @@ from amb_core.excitation.playback import checksum_of
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.machine import machine_of
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from amb_msgs.msg import AxisReference, CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from amb_bringup.client import AmbClient, ClientError, Experiment
-from amb_bringup.launcher import Graph as LaunchedGraph
-from amb_bringup.launcher import launch_file
-from amb_bringup.packages import find_executable
-from amb_core.errors import AmbError
+from amb_bringup.graph.launcher import Graph as LaunchedGraph
+from amb_bringup.graph.launcher import launch_file
+from amb_bringup.graph.packages import find_executable
 from amb_core.excitation import Square
+from amb_core.ground.errors import AmbError
 from amb_core.recording import Recording
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from amb_bringup.client import AmbClient
-from amb_core.analysis import read
-from amb_core.errors import AmbError
-from amb_core.identification.data import DataDescription
+from amb_core.data.analysis import read
+from amb_core.data.experiments import DataDescription
+from amb_core.ground.errors import AmbError
 from tests.benchmarks.first_hour.files import CASES, FOLDER, TOLERANCE, Case, pole_error
 from tests.graph.identifier_loop import Loop
 

@@ -20,14 +20,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 from amb_msgs.srv import Pause
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph
 
 pytest.importorskip("foxglove", reason="the extra foxglove is not installed (make setup EXTRAS=foxglove)")
 
-COMPOSED = "amb_bringup.composed_loop"
+COMPOSED = "amb_bringup.graph.composed_loop"
 TELEMETRY, STATE = "/amb/telemetry", "/amb/simulator/state"
 MESSAGE = struct.Struct("<BIQ")  # kind 1, subscription, time (ns): Foxglove WebSocket protocol, "Message Data"
 

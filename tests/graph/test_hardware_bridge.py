@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from amb_bringup.demo_run import controller_of, plant_of
-from amb_bringup.packages import find_executable
+from amb_bringup.demos.demo_run import controller_of, plant_of
+from amb_bringup.graph.packages import find_executable
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import PdController
+from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
-from amb_core.simulation import simulate
 from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph

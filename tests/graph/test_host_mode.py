@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.demo_run import controller_of, plant_of
+from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import PdController
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from amb_msgs.msg import BridgeState, Trip
 from tests.graph.conftest import Graph
 from tests.graph.processes import NodeProcess

@@ -14,7 +14,7 @@ from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
 from amb_core.recording.messages.loop_samples import block_from_message

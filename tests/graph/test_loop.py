@@ -19,7 +19,7 @@ from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.machine import machine_of
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from amb_msgs.msg import AxisSignals, CurrentReference, RotorPosition, SimulatorState
 from amb_msgs.srv import Pause, RunSteps, StartExcitation, StopExcitation
 from amb_ros.qos import STREAM
@@ -38,7 +38,7 @@ SIMULATOR = "amb_sim_node.simulator"
 CONTROLLER = "amb_controller_node.pd_controller"
 GENERATOR = "amb_controller_node.excitation_generator"
 IDENTIFIER = "amb_ident_node.identifier"
-COMPOSED = "amb_bringup.composed_loop"
+COMPOSED = "amb_bringup.graph.composed_loop"
 STEPS = 1_050  # not a whole number of telemetry blocks
 SQUARE = Square(amplitude=20e-6, duration=0.08, frequency=50.0, axes="in_turn")
 EXCITED_FROM = 200

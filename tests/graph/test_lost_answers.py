@@ -17,8 +17,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 import amb_bringup.client
 from amb_bringup.client import AmbClient, ClientError
-from amb_bringup.connection import GraphConnection
-from amb_core.errors import ParameterError
+from amb_bringup.client.connection import GraphConnection
+from amb_core.ground.errors import ParameterError
 from amb_core.recording import Recording
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import LoopSamples, SimulatorState

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.machine_demo import run_machine_demo
-from amb_bringup.packages import share_folder
+from amb_bringup.demos.machine_demo import run_machine_demo
+from amb_bringup.graph.packages import share_folder
 from amb_core.recording import Recording
 
 

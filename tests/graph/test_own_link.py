@@ -10,7 +10,7 @@ import pytest
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from tests.graph.conftest import Graph
 from tests.graph.rig import Rig
 from tests.unit.test_link_example import write_example

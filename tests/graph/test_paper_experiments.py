@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.paper.graph_experiment import GraphExperiment, equality_claim
-from amb_bringup.paper.studies.concurrent_sweep import ConcurrentSweep
-from amb_bringup.paper.studies.square_waves import SquareWaves
-from amb_bringup.paper.study import Study, Workplace
 from amb_core.excitation import Square
+from amb_paper.graph_experiment import GraphExperiment, equality_claim
+from amb_paper.studies.concurrent_sweep import ConcurrentSweep
+from amb_paper.studies.square_waves import SquareWaves
+from amb_paper.study import Study, Workplace
 
 
 @pytest.mark.slow

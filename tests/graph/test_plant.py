@@ -13,11 +13,11 @@ from rcl_interfaces.msg import ParameterEvent
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter, parameter_value_to_python
 
+from amb_core.ground.parameters import load_parameters
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import load_parameters
 from amb_core.plant import Plant
+from amb_core.plant.simulation import simulate
 from amb_core.recording import Recording
-from amb_core.simulation import simulate
 from amb_msgs.msg import PlantState, SimulatorState
 from amb_msgs.srv import Reset, RunSteps, StartRecording, StopRecording
 from amb_ros.qos import STREAM

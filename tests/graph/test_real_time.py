@@ -6,7 +6,7 @@ import time
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from amb_msgs.srv import RunSteps
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph

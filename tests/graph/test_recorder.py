@@ -15,7 +15,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.highlevel import AnyReader
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording import Recording
 from amb_msgs.msg import (
     AxisSamples,

@@ -99,7 +99,7 @@ class LiveSweep:
         self.graph = graph
         self.bearing = bearing
         self.listener = Listener(graph)
-        graph.start("amb_bringup.composed_loop")
+        graph.start("amb_bringup.graph.composed_loop")
         graph.start("amb_controller_node.excitation_generator")
         graph.start("amb_ident_node.recorder")
         graph.start(MONITOR)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 from amb_core.recording import Recording, audit_steps
 from tests.graph.conftest import Graph
 

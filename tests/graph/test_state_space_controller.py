@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from amb_core.errors import ParameterError
 from amb_core.excitation import Square, generate
+from amb_core.ground.errors import ParameterError
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters, pd_as_linear
-from amb_core.model import StateSpaceModel
 from amb_core.plant import Plant
+from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.state_space_model import fill_model
-from amb_core.simulation import simulate
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage
 from amb_ros.qos import LATCHED
 from tests.graph.bearing import Bearing

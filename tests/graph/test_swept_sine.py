@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from amb_bringup.client import AmbClient
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
 from tests.graph.limits import TIMEOUT

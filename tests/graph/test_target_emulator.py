@@ -17,8 +17,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from amb_bringup.packages import find_executable
-from amb_core.target import CommandWriter, Description, Reply, commands, decode, hello, machine_of
+from amb_bringup.graph.packages import find_executable
+from amb_core.rig.link import CommandWriter, Description, Reply, commands, decode, hello, machine_of
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import NodeProcess

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 
 
 @pytest.mark.timeout(180)

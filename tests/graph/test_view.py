@@ -14,7 +14,7 @@ import pytest
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph
 from tests.graph.live_page import CHROMIUM, LivePage, Visit, attack, open_browser, publish_markup
@@ -23,7 +23,7 @@ from tests.graph.rig import Rig
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = [pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium"), pytest.mark.timeout(300)]
 
-COMPOSED, GENERATOR = "amb_bringup.composed_loop", "amb_controller_node.excitation_generator"
+COMPOSED, GENERATOR = "amb_bringup.graph.composed_loop", "amb_controller_node.excitation_generator"
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 DRAWN = "ambView.measured.drawn"
 

@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.reference import SOURCE
 
 ROOT = Path(__file__).parents[2]
 RECORDED = ROOT / "tests" / "data" / "target" / "states.json"

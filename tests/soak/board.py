@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.emulation.library import reference_library
-from amb_core.emulation.switched_plant import SwitchedPlant
 from amb_core.plant import Plant, PlantParameters
-from amb_core.target import (
+from amb_core.rig.emulation.library import reference_library
+from amb_core.rig.emulation.switched_plant import SwitchedPlant
+from amb_core.rig.link import (
     Command,
     CommandWriter,
     Description,
@@ -30,8 +30,8 @@ from amb_core.target import (
     hello,
     machine_of,
 )
-from amb_core.target.answers import Reply
-from amb_core.target.layout import NONCE
+from amb_core.rig.link.answers import Reply
+from amb_core.rig.link.layout import NONCE
 from tests.qemu_board import Answer, Board, build, missing, size
 
 LIFT = 60  # steps

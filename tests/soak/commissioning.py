@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.commissioning.bench import Bench
-from amb_core.commissioning.diagnosis import Diagnosis, diagnose
-from amb_core.commissioning.expected import expected_of
-from amb_core.commissioning.sensors_at_rest import PUSHES
-from amb_core.emulation import FaultParameters, LimitParameters, as_on_a_rig, reference_library
-from amb_core.emulation.lock_step import LockStepLink
+from amb_core.ground.parameters import flatten, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import flatten, validate
 from amb_core.plant import PlantParameters
-from amb_core.target.link import TargetSettings
+from amb_core.rig.commissioning.bench import Bench
+from amb_core.rig.commissioning.diagnosis import Diagnosis, diagnose
+from amb_core.rig.commissioning.expected import expected_of
+from amb_core.rig.commissioning.sensors_at_rest import PUSHES
+from amb_core.rig.emulation import FaultParameters, LimitParameters, as_on_a_rig, reference_library
+from amb_core.rig.emulation.lock_step import LockStepLink
+from amb_core.rig.link.link import TargetSettings
 
 TOUCH = 0.05
 """Control current outwards over bias current: the pull of one magnet at its bias is k_i i_0 / 4, a fifth of it 0.05."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from amb_core.target.conformance import Complaint, Exchange, check_target
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.conformance import Complaint, Exchange, check_target
+from amb_core.rig.link.reference import SOURCE
 
 PATIENCE = 1.0  # s; a loaded machine answers late
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from amb_core.target import FrameType
+from amb_core.rig.link import FrameType
 
 LARGEST = 2048
 _PERIOD = 2e-3  # s

@@ -10,21 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from amb_bringup.connection import ClientError
-from amb_bringup.demo_run import controller_of, plant_of
-from amb_core.emulation import Address, EmulatorProcess, EmulatorSettings, FaultParameters, LimitParameters
-from amb_core.emulation.emulator import TargetEmulator
-from amb_core.emulation.library import reference_library
-from amb_core.emulation.paced import PacedEmulator
+from amb_bringup.client.connection import ClientError
+from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_core.excitation import Multisine, Square, generate
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.pace import QUANTILES
 from amb_core.loop.real_time import RealTimeParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
+from amb_core.plant.simulation import simulate
 from amb_core.recording import Recording, audit_steps
-from amb_core.simulation import simulate
-from amb_core.target import AmbUdpLink, TargetSettings, TargetState, TargetStatus, TelemetryBlock
+from amb_core.rig.emulation import Address, EmulatorProcess, EmulatorSettings, FaultParameters, LimitParameters
+from amb_core.rig.emulation.emulator import TargetEmulator
+from amb_core.rig.emulation.library import reference_library
+from amb_core.rig.emulation.paced import PacedEmulator
+from amb_core.rig.link import AmbUdpLink, TargetSettings, TargetState, TargetStatus, TelemetryBlock
 from amb_msgs.msg import BridgeState
 from tests.soak.session import HOST, Session, emulator_port
 from tests.soak.tap import Tap

@@ -5,8 +5,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from amb_core.errors import TargetError
-from amb_core.target import AmbUdpLink, TargetDescription, TargetStatus, TelemetryBlock
+from amb_core.ground.errors import TargetError
+from amb_core.rig.link import AmbUdpLink, TargetDescription, TargetStatus, TelemetryBlock
 from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import ATTACKS, OnPath, leave_alone
 

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.reference import SOURCE
 
 COMPILER = (
     "gcc", "-std=c99", "-D_XOPEN_SOURCE=600", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-O2",

@@ -13,10 +13,10 @@ import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 
 from amb_bringup.client import AmbClient
-from amb_bringup.launch_file import NodeProcess
-from amb_bringup.launcher import Graph
-from amb_bringup.packages import find_executable
-from amb_core.files.parameter_files import RIG_NODES
+from amb_bringup.graph.launch_file import NodeProcess
+from amb_bringup.graph.launcher import Graph
+from amb_bringup.graph.packages import find_executable
+from amb_core.ground.files.parameter_files import RIG_NODES
 
 PACKAGES = {
     "target_emulator": "amb_sim_node",

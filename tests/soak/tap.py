@@ -14,7 +14,7 @@ from typing import Self
 
 import numpy as np
 
-from amb_core.target import Description, Session, TelemetryBlock, decode
+from amb_core.rig.link import Description, Session, TelemetryBlock, decode
 
 LARGEST = 2048
 

@@ -16,11 +16,11 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 
-from amb_bringup.connection import ClientError
-from amb_bringup.demo_run import controller_of
+from amb_bringup.client.connection import ClientError
+from amb_bringup.demos.demo_run import controller_of
 from amb_core.excitation import Square
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.linear_control import pd_as_linear
-from amb_core.model import StateSpaceModel
 from amb_msgs.msg import BridgeState, Trip
 from tests.soak.session import Session
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from amb_core.data.experiments import Severity, check_data
+from amb_core.data.experiments.checks import check_recording
 from amb_core.identification import IdentificationData, identify, validate
-from amb_core.identification.data import Severity, check_data
-from amb_core.identification.data.checks import check_recording
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from tests.benchmarks.verdicts.bad_data import KINDS, draw_clean, named, spoil
 from tests.benchmarks.verdicts.drawn_loops import draw_record
 from tests.linear_process import SIZES, LinearProcess

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.results import new_file
-from amb_core.analysis import read
-from amb_core.errors import AmbError, BagError
-from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
-from amb_core.files.matlab import load_variables
-from amb_core.identification.data import DataDescription
+from amb_core.data.analysis import read
+from amb_core.data.experiments import DataDescription
+from amb_core.ground.errors import AmbError, BagError
+from amb_core.ground.files.matlab import load_variables
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.recording import BagWriter, Recording
+from amb_core.recording.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
 from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry
 
 NO_LOOP = DataDescription.of(controller="none")

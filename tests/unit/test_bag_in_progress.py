@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording import BagWriter, Recording
 from amb_ident_node.bag_in_progress import BagInProgress
 from amb_ident_node.completeness import Mark

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import amb_core
 from amb_bringup.cli import app
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.control import ControllerParameters
 from amb_core.recording import BagWriter, Recording, read_overview
 from tests.bag_messages import TYPES, definition

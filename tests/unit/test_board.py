@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link.reference import SOURCE
 from tests.qemu_board import build, missing, size
 from tests.soak.board import Beside, Compared, beside
 

@@ -8,12 +8,12 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import PlantError
-from amb_core.figures import campbell_chart, plot
+from amb_core.ground.errors import PlantError
+from amb_core.linear.model.modes import Mode, Modes
 from amb_core.loop.control import ControllerParameters
-from amb_core.model.modes import Mode, Modes
 from amb_core.plant import ModalData, PlantParameters
 from amb_core.plant.campbell import Campbell, campbell
+from amb_core.report.figures import campbell_chart, plot
 
 RIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config" / "rig.yaml"
 OUTPUTS = ("x_a", "y_a", "x_b", "y_b")

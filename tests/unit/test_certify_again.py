@@ -12,16 +12,16 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.exit_codes import NOT_THE_SAME
-from amb_core.errors import AmbError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import AmbError
 from amb_core.identification import identify
-from amb_core.identification.data import IdentificationData
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear
-from amb_core.model import StateSpaceModel
-from amb_core.report.again import certify_again
-from amb_core.report.certificate import write_certificate
-from amb_core.report.certification import Request, certify_request
+from amb_core.report.pages.again import certify_again
+from amb_core.report.pages.certificate import write_certificate
+from amb_core.report.pages.certification import Request, certify_request
 from amb_core.robustness import RobustnessSettings
 from amb_core.robustness.trace import CertificateHeader, controller_from, controller_values
 from tests.unit.test_recording_report import write_bag

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import AmbError
 from amb_core.identification import identify
-from amb_core.identification.data import IdentificationData
 from amb_core.loop.control import ControllerParameters
 from amb_core.robustness import SweepSettings
 from tests.unit.test_recording_report import write_bag

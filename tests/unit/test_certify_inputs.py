@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from amb_core.errors import ParameterError, RobustnessError
+from amb_core.ground.errors import ParameterError, RobustnessError
+from amb_core.ground.parameters import validate
 from amb_core.identification import closed_loop_poles
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-from amb_core.parameters import validate
 from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_from_data, feedback_of
 from tests.lqg_loop import rotor
 

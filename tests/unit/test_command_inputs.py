@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from amb_bringup.commands.inputs import load_loop, load_regions
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
 
 
 def written(path: Path, node: str, parameters: str) -> Path:

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from amb_bringup.commands.map import region_map
 from amb_bringup.commands.options import declared_options
 from amb_core.excitation import KINDS
-from amb_core.parameters import Parameters, choice, declarations, quantity, switch
+from amb_core.ground.parameters import Parameters, choice, declarations, quantity, switch
 from amb_core.regions.region_map import MapSettings
 
 SEEN: dict[str, Any] = {}

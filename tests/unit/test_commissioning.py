@@ -7,7 +7,18 @@ import json
 import numpy as np
 import pytest
 
-from amb_core.commissioning import (
+from amb_core.excitation import Square, generate
+from amb_core.excitation.axes import parts_of
+from amb_core.ground.errors import IdentificationError
+from amb_core.linear.model import StateSpaceModel
+from amb_core.linear.simulation import simulate as respond
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.simulation import simulate
+from amb_core.report.pages import write_report
+from amb_core.report.pages.commissioning import protocol_report
+from amb_core.rig.commissioning import (
     CommissioningSettings,
     Expected,
     Protocol,
@@ -27,17 +38,6 @@ from amb_core.commissioning import (
     static_response,
     sweep,
 )
-from amb_core.errors import IdentificationError
-from amb_core.excitation import Square, generate
-from amb_core.excitation.axes import parts_of
-from amb_core.linear.simulation import simulate as respond
-from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.loop.records import LoopRecord
-from amb_core.model import StateSpaceModel
-from amb_core.plant import Plant, PlantParameters
-from amb_core.report import write_report
-from amb_core.report.commissioning import protocol_report
-from amb_core.simulation import simulate
 from tests.emulated_host import Bench
 
 SETTINGS = CommissioningSettings()

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.commissioning.finding import Finding
-from amb_core.commissioning.sensors_at_rest import hand_findings, noise_findings
-from amb_core.commissioning.tones import generator_of, response_to, tone_set
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters
 from amb_core.loop.linear_parameters import with_anti_windup
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
+from amb_core.rig.commissioning.finding import Finding
+from amb_core.rig.commissioning.sensors_at_rest import hand_findings, noise_findings
+from amb_core.rig.commissioning.tones import generator_of, response_to, tone_set
 from tests.soak.commissioning import KINDS, Rig, commission
 
 MACHINE = Plant(PlantParameters()).machine

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from amb_core.errors import TargetError
-from amb_core.target.conformance import Exchange, check_target
+from amb_core.ground.errors import TargetError
+from amb_core.rig.link.conformance import Exchange, check_target
 from tests.soak.conformance import FAULTS, named
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import validate
 
 T = 1e-4  # s
 

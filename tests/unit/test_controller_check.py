@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.data.controller_choice import ALLOWED, named_controller
+from amb_core.data.experiments import Severity
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify, validate
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.controller_choice import ALLOWED, named_controller
-from amb_core.identification.data import Severity
 from amb_core.loop.control import ControllerParameters
 from tests.benchmarks.verdicts.controllers import WORDS, draw, named
 from tests.benchmarks.verdicts.drawn_loops import draw_record

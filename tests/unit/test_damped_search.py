@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from amb_core.identification.data.drift.autoregression import LAGS, fit
+from amb_core.data.experiments.drift.autoregression import LAGS, fit
 from amb_core.identification.estimate.levenberg_marquardt import damped_step, minimise
 
 pytestmark = pytest.mark.filterwarnings("error")

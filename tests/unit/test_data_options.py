@@ -11,7 +11,7 @@ from scipy.io import savemat
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from tests.linear_process import LinearProcess
 
 

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import dlsim, dlti
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import (
+from amb_core.data.experiments import (
     Experiment,
     IdentificationData,
     advance_inputs,
@@ -21,6 +20,7 @@ from amb_core.identification.data import (
     restore,
     split_at_invalid,
 )
+from amb_core.ground.errors import IdentificationError
 from amb_core.loop.records import LoopRecord
 
 SAMPLE_TIME = 1e-4

@@ -11,9 +11,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from amb_core.analysis import read, recorded_data
-from amb_core.errors import BagError, IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.analysis import read, recorded_data
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import BagError, IdentificationError
 from amb_core.recording import Recording
 from tests.written_bags import BLOCK, write_telemetry
 

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import DataReport, Finding, IdentificationData, Severity, check_data, detrend, merge
-from amb_core.identification.data.checks import (
+from amb_core.data.experiments import DataReport, Finding, IdentificationData, Severity, check_data, detrend, merge
+from amb_core.data.experiments.checks import (
     check_amount,
     check_clipping,
     check_delay,
@@ -25,6 +24,7 @@ from amb_core.identification.data.checks import (
     check_region,
     check_sample_time,
 )
+from amb_core.ground.errors import IdentificationError
 from amb_core.loop.records import LoopRecord
 
 SAMPLE_TIME = 1e-3

@@ -15,16 +15,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import io
 
-from amb_core.analysis import read
-from amb_core.errors import AmbError, IdentificationError
-from amb_core.identification.data import (
+from amb_core.data.analysis import read
+from amb_core.data.experiments import (
     Experiment,
     IdentificationData,
     detrend,
     merge,
     write_data,
 )
-from amb_core.identification.data.proposal import UndescribedError
+from amb_core.data.experiments.proposal import UndescribedError
+from amb_core.ground.errors import AmbError, IdentificationError
 
 ENDINGS = ["csv", "npz", "mat"]
 VALUES = st.floats(allow_nan=True, allow_infinity=True, width=64)

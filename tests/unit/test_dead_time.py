@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.checks import Severity, check_delay
+from amb_core.data.experiments.checks.dead_time import dead_times
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.data.checks import Severity, check_delay
-from amb_core.identification.data.checks.dead_time import dead_times
 from amb_core.loop.control import ControllerParameters, PdController
 
 RATE = 10_000.0

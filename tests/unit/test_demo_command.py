@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from amb_bringup.commands.demo import demo
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
 
 
 @pytest.mark.parametrize("content", [None, "/amb/simulator: {ros__parameters: {rotor.mas: 5.0}}\n"])

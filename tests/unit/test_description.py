@@ -7,9 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import ParameterError, PlantError
+from amb_core.ground.errors import ParameterError, PlantError
+from amb_core.ground.parameters import load_parameters, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, validate
 from amb_core.plant import (
     AmplifierParameters,
     IntegrationParameters,

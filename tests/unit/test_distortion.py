@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.distortion import (
+from amb_core.ground.errors import ParameterError, SpectrumError
+from amb_core.ground.parameters import validate
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.linearise import linearize
+from amb_core.regions.distortion import (
     Coherence,
     Distortion,
     DistortionSettings,
@@ -22,14 +27,9 @@ from amb_core.distortion import (
     reference_of,
     simulate_distortion,
 )
-from amb_core.errors import ParameterError, SpectrumError
-from amb_core.figures import plot
-from amb_core.figures.coherence import coherence_chart
-from amb_core.figures.drawing import Points
-from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
-from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.linearise import linearize
+from amb_core.report.figures import plot
+from amb_core.report.figures.coherence import coherence_chart
+from amb_core.report.figures.drawing import Points
 
 RATE = 1_000.0
 SETTINGS = DistortionSettings(rms=1.0e-6, frequency_start=2.0, frequency_end=100.0, realisations=6, periods=4)

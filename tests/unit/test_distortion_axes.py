@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.linalg import hadamard
 from scipy.signal import butter, lfilter
 
-from amb_core.distortion import DistortionSettings, find_evidence, lines_of, measure_coherence, measure_recorded
-from amb_core.errors import SpectrumError
-from amb_core.figures import plot
+from amb_core.ground.errors import SpectrumError
 from amb_core.loop.records import LoopRecord
+from amb_core.regions.distortion import DistortionSettings, find_evidence, lines_of, measure_coherence, measure_recorded
+from amb_core.report.figures import plot
 
 Signal = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.files.parameter_files import KNOWN_NODES
+from amb_core.ground.files.parameter_files import KNOWN_NODES
 from amb_ros import topics
 from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
 from docs.generators.modules import FOLDER as GENERATED_PAGES
@@ -23,7 +23,7 @@ from docs.generators.tables import TABLE, TABLES, with_current_tables
 
 ROOT = Path(__file__).parents[2]
 NODE_PACKAGES = ("amb_sim_node", "amb_controller_node", "amb_ident_node")
-PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup")
+PACKAGES = ("amb_msgs", *NODE_PACKAGES, "src/amb_core", "src/amb_ros", "src/amb_bringup", "src/amb_paper")
 READMES = [ROOT / "README.md", *(ROOT / package / "README.md" for package in PACKAGES)]
 DOCS = [
     page
@@ -206,7 +206,7 @@ def promised(readme: Path) -> Iterator[tuple[str, str]]:
             yield from ((row[1], name) for name in re.findall(r"`(\w+)`", row[2]))
 
 
-@pytest.mark.parametrize("package", ["src/amb_core", "src/amb_ros", "src/amb_bringup"])
+@pytest.mark.parametrize("package", ["src/amb_core", "src/amb_ros", "src/amb_bringup", "src/amb_paper"])
 def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
     for module, name in promised(ROOT / package / "README.md"):
         classes = [item for item in vars(importlib.import_module(module)).values() if inspect.isclass(item)]

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.excitation import Multisine, generate
 from amb_core.identification import identify
-from amb_core.identification.data import IdentificationData
 from amb_core.identification.validation import validate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = sorted(

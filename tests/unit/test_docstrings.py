@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
 from tests.docstring_rules import (
     modules,
     problems_of,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant import AmplifierParameters, IntegrationParameters, MagneticCircuitParameters, Plant, PlantParameters
 from amb_core.plant.closed_forms import current_gain
 from amb_core.plant.eddy import diffusion, eddy_bandwidth, force_response, solid_journal_terms

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
-from amb_core.errors import TargetError
 from amb_core.excitation import Square, generate
+from amb_core.ground.errors import TargetError
+from amb_core.ground.parameters import load_parameters, validate
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import load_parameters, validate
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
-from amb_core.target import TargetState, TripReason, commands, excitation_upload
+from amb_core.plant.simulation import simulate
+from amb_core.rig.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.rig.link import TargetState, TripReason, commands, excitation_upload
 from tests.emulated_host import Bench
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from amb_core.emulation import FaultyLink, Gap, LinkFaults, SensorFaultParameters
-from amb_core.emulation.faulty_sensors import FaultySensors, faulty_axes
-from amb_core.errors import ParameterError
-from amb_core.parameters import validate
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.target import LOOPBACK, InOrder, TelemetryCount, TripReason, commands
+from amb_core.rig.emulation import FaultyLink, Gap, LinkFaults, SensorFaultParameters
+from amb_core.rig.emulation.faulty_sensors import FaultySensors, faulty_axes
+from amb_core.rig.link import LOOPBACK, InOrder, TelemetryCount, TripReason, commands
 from tests.emulated_host import Bench
 
 HEAVY = {"loss": 0.1, "duplication": 0.1, "reordering": 0.1, "corruption": 0.1}

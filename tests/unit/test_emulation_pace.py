@@ -7,7 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.emulation import (
+from amb_core.ground.errors import ParameterError, TargetError
+from amb_core.ground.parameters import load_parameters, validate
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.real_time import RealTimeParameters
+from amb_core.plant import PlantParameters
+from amb_core.rig.emulation import (
     Address,
     EmulatorProcess,
     EmulatorSettings,
@@ -17,12 +22,7 @@ from amb_core.emulation import (
     SensorFaultParameters,
     measure_load,
 )
-from amb_core.errors import ParameterError, TargetError
-from amb_core.loop.control import ControllerParameters
-from amb_core.loop.real_time import RealTimeParameters
-from amb_core.parameters import load_parameters, validate
-from amb_core.plant import PlantParameters
-from amb_core.target import Description, TripReason, commands, decode, hello
+from amb_core.rig.link import Description, TripReason, commands, decode, hello
 from tests.emulated_host import BLOCK, Bench
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"

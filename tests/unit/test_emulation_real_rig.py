@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.emulation import as_on_a_rig
+from amb_core.ground.parameters import load_parameters, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, validate
 from amb_core.plant import PlantParameters
-from amb_core.target import TargetState, TripReason, commands
+from amb_core.rig.emulation import as_on_a_rig
+from amb_core.rig.link import TargetState, TripReason, commands
 from tests.emulated_host import Bench
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import KINDS, Excitation, excitation_from_request, generate
+from amb_core.ground.errors import ExcitationError
 
 RATE = 10_000.0
 SEEDED = ("multisine", "prbs", "white_noise")

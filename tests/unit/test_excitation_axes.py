@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import (
     KINDS,
     Excitation,
@@ -22,6 +21,7 @@ from amb_core.excitation import (
     steps_of,
 )
 from amb_core.excitation.signal import excited_spans
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import DIRECTIONS, Machine, MachineAxis, MachineBearing
 from amb_core.recording.messages.excitation import fill_excitation, frequency_from_message
 

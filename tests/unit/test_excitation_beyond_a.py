@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import ExcitationError, ParameterError, RegionError
+from amb_core.designs.excitation import check_excitation
+from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import ExcitationSignal, Square, Sweep, Tones, generate
-from amb_core.excitation_design import check_excitation
-from amb_core.excitation_design.beyond_a import highest_load
+from amb_core.ground.errors import ExcitationError, ParameterError, RegionError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
-from amb_core.parameters import validate
 from amb_core.regions.region_map import RegionMap
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.region_guard import guard_of

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amb_core.errors import ExcitationError, RegionError
+from amb_core.designs.excitation import ExcitationCheck, TrialBench, check_excitation
+from amb_core.designs.excitation.notes import made_with
 from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
-from amb_core.excitation_design import ExcitationCheck, TrialBench, check_excitation
-from amb_core.excitation_design.notes import made_with
+from amb_core.ground.errors import ExcitationError, RegionError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
 from amb_core.regions import Region

@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError, ExcitationError
-from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
-from amb_core.excitation_design import (
+from amb_core.data.experiments.checks import Severity
+from amb_core.data.experiments.checks import check_excitation as identification_check
+from amb_core.designs.excitation import (
     Limits,
     Trial,
     TrialBench,
@@ -21,16 +21,16 @@ from amb_core.excitation_design import (
     design_excitation,
     excited_order,
 )
-from amb_core.excitation_design.excited_order import HIGHEST_ORDER
-from amb_core.excitation_design.limits import Use
-from amb_core.excitation_design.linear_response import LinearLoop
-from amb_core.excitation_design.search import largest_within
+from amb_core.designs.excitation.excited_order import HIGHEST_ORDER
+from amb_core.designs.excitation.limits import Use
+from amb_core.designs.excitation.linear_response import LinearLoop
+from amb_core.designs.excitation.search import largest_within
+from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_core.ground.errors import AmbError, ExcitationError
+from amb_core.ground.parameters import validate
 from amb_core.identification import IdentificationData, identify, nrmse_fit, simulate_closed_loop
-from amb_core.identification.data.checks import Severity
-from amb_core.identification.data.checks import check_excitation as identification_check
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import Multisine, excitation_from_request, generate
 from amb_core.excitation.phases import optimised_phases, schroeder_phases
+from amb_core.ground.errors import ExcitationError
 
 RATE = 10_000.0
 BANDS = [(11.0, 400.0), (1.0, 60.0), (10.0, 1_000.0)]

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import (
     KINDS,
     Playback,
@@ -25,6 +24,7 @@ from amb_core.excitation import (
     playback,
 )
 from amb_core.excitation.signal import Excitation
+from amb_core.ground.errors import ExcitationError
 
 SETTINGS: dict[str, list[dict[str, Any]]] = {
     "sweep": [{"spacing": "linear"}, {"spacing": "logarithmic"}, {"frequency_start": 300.0, "frequency_end": 20.0}],

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.experiment_list import read_experiments
-from amb_core.errors import ExcitationError
+from amb_bringup.experiments.experiment_list import read_experiments
 from amb_core.excitation import Multisine, Sweep, Tones
+from amb_core.ground.errors import ExcitationError
 
 
 def written(folder: Path, text: str) -> Path:

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.export import RunTelemetry, write_table
-from amb_core.export.fmu import write_fmu
-from amb_core.export.model_texts import vector_of
 from amb_core.loop.records import LoopRecord
+from amb_core.recording.export import RunTelemetry, write_table
+from amb_core.recording.export.fmu import write_fmu
+from amb_core.recording.export.model_texts import vector_of
 from tests.unit.test_bag_export import samples, whole, write_bag
 from tests.unit.test_model_export import MATRICES, MODELS, Unit, build
 

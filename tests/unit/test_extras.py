@@ -13,12 +13,24 @@ import pytest
 
 CORE = Path(__file__).parents[2] / "src" / "amb_core"
 
-EXTRAS = ("amb_core.report", "amb_core.figures", "amb_core.export", "amb_core.tasks.cluster", "amb_core.tasks.pool")
+EXTRAS = (
+    "amb_core.report.pages",
+    "amb_core.report.figures",
+    "amb_core.recording.export",
+    "amb_core.ground.tasks.cluster",
+    "amb_core.ground.tasks.pool",
+)
 PACKAGES = (  # of the extras, and of the command line
     *("control", "dask", "distributed", "foxglove", "h5py", "jinja2", "markupsafe", "matplotlib", "plotly", "pyarrow"),
     *("rich", "ross", "tornado", "typer"),
 )
-RIG = ("amb_core.rig", "amb_core.target", "amb_core.emulation", "amb_core.commissioning", "amb_core.machine_experiment")
+RIG = (
+    "amb_core.rig",
+    "amb_core.rig.link",
+    "amb_core.rig.emulation",
+    "amb_core.rig.commissioning",
+    "amb_core.rig.machine_experiment",
+)
 CERTIFICATE = ("amb_core.robustness",)
 NODES = (
     "amb_sim_node.simulator",
@@ -66,17 +78,17 @@ def test_a_node_starts_without_the_optional_parts(module: str) -> None:
 
 
 NEEDING = {  # an extra: what needs it
-    "'cluster' of amb_core": ("import amb_core.tasks.cluster", "import amb_core.tasks.pool"),
+    "'cluster' of amb_core": ("import amb_core.ground.tasks.cluster", "import amb_core.ground.tasks.pool"),
     "'control' of amb_core": ("from amb_core.linear import *; LinearSystem(*4 * [[[0.0]]], 1e-4).to_control()",),
     "'figures' of amb_core": (
-        "import amb_core.figures.chart",
-        "import amb_core.report",
+        "import amb_core.report.figures.chart",
+        "import amb_core.report.pages",
         "import amb_core.plant.figures",
     ),
     "'files' of amb_core": (
-        "import amb_core.export.model_texts",
-        "from amb_core.tables.parquet import *; read_parquet_table('x')",
-        "from amb_core.files.matlab import _load_hdf5; _load_hdf5('x')",
+        "import amb_core.recording.export.model_texts",
+        "from amb_core.data.tables.parquet import *; read_parquet_table('x')",
+        "from amb_core.ground.files.matlab import _load_hdf5; _load_hdf5('x')",
     ),
     "'view' of amb_bringup": ("import amb_bringup.view.server",),
 }
@@ -84,7 +96,7 @@ NEEDING = {  # an extra: what needs it
 
 def test_one_line_names_the_extra_of_a_missing_package() -> None:
     attempts = """
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 
 for code in {codes!r}:
     try:
@@ -101,6 +113,18 @@ for code in {codes!r}:
 def test_a_command_without_its_extra_ends_with_that_line() -> None:
     code = "import amb_bringup.cli\nsys.argv = ['amb', 'view']\nprint(amb_bringup.cli.main())"
     assert run_without(("tornado",), code).strip() == "1"
+
+
+def test_the_command_of_a_package_that_is_not_built_names_it() -> None:
+    code = """
+from typer.testing import CliRunner
+
+from amb_bringup.cli import app
+
+print(CliRunner().invoke(app, ["reproduce"]).exception)
+"""
+    shown = run_without(("amb_paper",), code).strip()
+    assert shown == "'amb reproduce' belongs to the package 'amb_paper', which is not found; build it (make setup)"
 
 
 @pytest.mark.slow

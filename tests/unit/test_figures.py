@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import AmbError
-from amb_core.figures import orbit_chart, plot, response_chart
+from amb_core.ground.errors import AmbError
 from amb_core.loop.records import LoopRecord
+from amb_core.report.figures import orbit_chart, plot, response_chart
 
 
 @pytest.fixture

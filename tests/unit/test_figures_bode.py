@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
-from amb_core.figures.bode import bode_chart
-from amb_core.figures.drawing import Band, Curve, Panel
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import FrequencyResponse
+from amb_core.report.figures.bode import bode_chart
+from amb_core.report.figures.drawing import Band, Curve, Panel
 
 FREQUENCY = np.concatenate([[0.0], np.geomspace(1.0, 1_000.0, 50)])
 SHAPE = (51, 2, 2)

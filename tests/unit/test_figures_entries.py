@@ -8,14 +8,14 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from amb_core.errors import IdentificationError
-from amb_core.figures.bode import bode_chart
-from amb_core.figures.comparison import comparison_chart
-from amb_core.figures.drawing import Band, Curve
-from amb_core.figures.entries import entries_from, faint_entries
-from amb_core.figures.style import FADED
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import FrequencyResponse
 from amb_core.loop.records import LoopRecord
+from amb_core.report.figures.bode import bode_chart
+from amb_core.report.figures.comparison import comparison_chart
+from amb_core.report.figures.drawing import Band, Curve
+from amb_core.report.figures.entries import entries_from, faint_entries
+from amb_core.report.figures.style import FADED
 
 FREQUENCY = np.geomspace(1.0, 1_000.0, 60)
 AXES = ("x_a", "y_a", "x_b", "y_b")

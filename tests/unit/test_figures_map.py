@@ -8,13 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from amb_core.excitation_design import AxisCheck, ExcitationCheck
-from amb_core.excitation_design.load import Load
-from amb_core.figures.drawing import Band, Curve, Heat, HoverGrid, Note, Points
-from amb_core.figures.overlay import overlay_chart
-from amb_core.figures.region_map import map_chart, map_grid_chart
-from amb_core.figures.spectrum import spectrum_chart
-from amb_core.figures.surface import surface_chart
+from amb_core.designs.excitation import AxisCheck, ExcitationCheck
+from amb_core.designs.excitation.load import Load
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.regions.region_map import (
@@ -28,7 +23,12 @@ from amb_core.regions.region_map import (
     MapSweep,
     RegionMap,
 )
-from amb_core.subharmonics import SubharmonicSettings, SubharmonicSurface, SurfaceSettings, analyse
+from amb_core.regions.subharmonics import SubharmonicSettings, SubharmonicSurface, SurfaceSettings, analyse
+from amb_core.report.figures.drawing import Band, Curve, Heat, HoverGrid, Note, Points
+from amb_core.report.figures.overlay import overlay_chart
+from amb_core.report.figures.region_map import map_chart, map_grid_chart
+from amb_core.report.figures.spectrum import spectrum_chart
+from amb_core.report.figures.surface import surface_chart
 
 
 def sweep(amplitude: float, resonance: bool = False, beats: tuple[tuple[float, float], ...] = (), **at: float):

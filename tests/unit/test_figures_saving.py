@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from amb_core.errors import AmbError
-from amb_core.figures import page_fragment, response_chart
-from amb_core.figures.chart import Chart
-from amb_core.figures.drawing import Axis, Curve, Panel, Table
-from amb_core.figures.style import BLUE, REGIONS, Stroke
+from amb_core.ground.errors import AmbError
 from amb_core.loop.records import LoopRecord
+from amb_core.report.figures import page_fragment, response_chart
+from amb_core.report.figures.chart import Chart
+from amb_core.report.figures.drawing import Axis, Curve, Panel, Table
+from amb_core.report.figures.style import BLUE, REGIONS, Stroke
 
 TITLE = "Response <of> the rotor"
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import RegionError
-from amb_core.figures.drawing import Curve, Panel, Rule, Span
-from amb_core.figures.sweep import sweep_chart
-from amb_core.figures.thinning import extremes, thinned_path
+from amb_core.ground.errors import RegionError
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_core.report.figures.drawing import Curve, Panel, Rule, Span
+from amb_core.report.figures.sweep import sweep_chart
+from amb_core.report.figures.thinning import extremes, thinned_path
 
 STEPS, RATE = 20_000, 10_000.0
 START = 2_000  # of the sweep

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import RegionError
-from amb_core.figures.drawing import Curve, Rule, Span
-from amb_core.figures.sweep_comparison import SweepCase, onset_summary, sweep_comparison_chart
+from amb_core.ground.errors import RegionError
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_core.report.figures.drawing import Curve, Rule, Span
+from amb_core.report.figures.sweep_comparison import SweepCase, onset_summary, sweep_comparison_chart
 
 STEPS = 20_000
 FREQUENCY = np.linspace(10.0, 1_000.0, STEPS)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from amb_core.excitation_design import Trial
-from amb_core.figures.drawing import Curve, Panel
-from amb_core.figures.trial import SETTLED, trial_chart
+from amb_core.designs.excitation import Trial
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
+from amb_core.report.figures.drawing import Curve, Panel
+from amb_core.report.figures.trial import SETTLED, trial_chart
 
 
 def trial(region: Region, bias: float, steps: int) -> Trial:

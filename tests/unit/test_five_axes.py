@@ -9,15 +9,15 @@ import pytest
 
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.excitation import Multisine, generate
-from amb_core.figures import orbit_chart, response_chart
+from amb_core.ground.parameters import load_parameters
 from amb_core.identification import identify
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.machine import radial_bearings
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import load_parameters
 from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant.simulation import simulate
 from amb_core.regions import Region, classify, layout_of
-from amb_core.simulation import simulate
+from amb_core.report.figures import orbit_chart, response_chart
 from amb_sim_node.parameters import SimulatorParameters
 
 FILE = Path(__file__).parents[2] / "src" / "amb_bringup" / "config" / "thrust.yaml"

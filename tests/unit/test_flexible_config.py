@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
-from amb_core.files.package_files import located
+from amb_core.ground.errors import PlantError
+from amb_core.ground.files.package_files import located
+from amb_core.ground.parameters import load_parameters
+from amb_core.linear.model.modes import modes_of
 from amb_core.loop.control import ControllerParameters
-from amb_core.model.modes import modes_of
-from amb_core.parameters import load_parameters
 from amb_core.plant import ModalData, Plant, PlantParameters, linearize, uniform_shaft
-from amb_core.tasks.provenance import file_checksums
+from amb_core.plant.data_files import file_checksums
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
 from amb_core.linear import LinearSystem
 from amb_core.robustness import Feedback, SweepSettings, measured_sensitivity
 from amb_core.robustness.feedback import law_from_positions

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import closed_loop_poles, nrmse_fit, simulate_closed_loop
 from amb_core.identification.closed_loop import DivergenceError
 from amb_core.loop.control import ControllerParameters

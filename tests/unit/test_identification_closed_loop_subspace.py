@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, cva, identify, pbsid, ssarx
 from amb_core.loop.control import ControllerParameters
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import Severity, check_data, cure_drift, high_pass
+from amb_core.data.experiments.drift import find_drift
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify, pem, validate
-from amb_core.identification.data import Severity, check_data, cure_drift, high_pass
-from amb_core.identification.data.drift import find_drift
 from amb_core.identification.estimate.methods import estimate
 from amb_core.identification.progress import IdentificationProgress, Watch
 from amb_core.identification.uncertainty import estimate_uncertainty
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 SHAPES = ("ramp", "sine", "half sine", "warm-up", "random walk", "step")
 LOOP = {"noise": 5e-8, "force": 0.3, "frequency": 10.0, "duration": 1.0}

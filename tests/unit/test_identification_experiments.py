@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, cva, n4sid, pbsid, pem, ssarx
 from amb_core.identification.estimate.predictor import fit_input_matrix, innovations
 

@@ -7,7 +7,8 @@ import functools
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments.checks import Severity
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import (
     METHODS,
     IdentificationData,
@@ -15,7 +16,6 @@ from amb_core.identification import (
     select_order,
     validate,
 )
-from amb_core.identification.data.checks import Severity
 from amb_core.identification.estimate.arx import arx
 from amb_core.identification.estimate.methods import estimate
 from amb_core.identification.progress import Watch

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from amb_core.identification.focus.gain import fit_kalman_gain
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 ORDER, AXES = 8, 2
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from amb_core.identification import IdentificationData, closed_loop_poles, identify
 from amb_core.identification.estimate.methods import starts_for_simulation
-from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Watch
+from amb_core.linear.numerics import LARGEST_RADIUS
 from amb_core.loop.control import ControllerParameters
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import FrequencyResponse, StateSpaceModel, response_of
 
 FREQUENCIES = np.array([1.0, 10.0, 100.0])

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import detrend, merge
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, IdentificationProgress, estimate_uncertainty, identify
-from amb_core.identification.data import detrend, merge
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
 from amb_core.identification import IdentificationData, closed_loop_poles, identify, simulate_closed_loop, validate
 from amb_core.identification.control_law import Start
 from amb_core.identification.controller_state import start_of, unexplained

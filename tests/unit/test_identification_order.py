@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from amb_core.errors import IdentificationError
-from amb_core.figures.order import order_chart
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import (
     IdentificationData,
     IdentificationProgress,
@@ -18,6 +17,7 @@ from amb_core.identification import (
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_steps
 from amb_core.identification.estimate.scaled_data import ScaledData
+from amb_core.report.figures.order import order_chart
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, identify, pem, ssarx
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.predictor import innovations

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import merge
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import (
     IdentificationData,
     StateSpaceModel,
@@ -19,7 +20,6 @@ from amb_core.identification import (
     simulate_closed_loop,
     ssarx,
 )
-from amb_core.identification.data import merge
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.focus.problem import SimulationProblem

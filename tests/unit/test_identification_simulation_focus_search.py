@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.estimate.local_coordinates import balanced_predictor, local_directions

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import METHODS, IdentificationData, identify, pem, select_order, ssarx
 from amb_core.identification.estimate.arx import arx
 from amb_core.identification.estimate.methods import estimate

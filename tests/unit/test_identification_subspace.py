@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, get_args
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
 from amb_core.excitation import excitation_from_request, generate
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import METHODS, Identification, Method, identify, n4sid
 from amb_core.identification.estimate.predictor import fit_input_matrix, innovations
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

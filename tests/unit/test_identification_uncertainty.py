@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import merge
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import (
     IdentificationData,
     StateSpaceModel,
@@ -18,10 +19,9 @@ from amb_core.identification import (
     pem,
     response_of,
 )
-from amb_core.identification.data import merge
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
+from amb_core.identification.prediction import first_state, predict
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.identification.validation.prediction import first_state, predict
 
 if TYPE_CHECKING:
     from conftest import LinearBearing

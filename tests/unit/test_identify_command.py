@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError
+from amb_core.data.experiments import write_data
+from amb_core.ground.errors import AmbError
 from amb_core.identification import IdentificationData, StateSpaceModel
-from amb_core.identification.data import write_data
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_bringup.packages import find_executable
+from amb_bringup.graph.packages import find_executable
 
 ROOT = Path(__file__).parents[2]
 SETUPS = sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")])

@@ -10,7 +10,7 @@ from scipy.constants import mu_0
 from scipy.integrate import trapezoid
 from scipy.special import ive
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.iron import anhysteretic_field, initial_iron, pack_curve, pack_material, saturation_curve
 from amb_core.plant.kernel.iron import advance_hysteresis, follow_curve
 from amb_core.plant.kernel.langevin import ASYMPTOTE_FROM, langevin

@@ -8,8 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rich.console import Console
 
 from amb_bringup.commands.jitter import JitterWatch
-from amb_core.figures.lateness import lateness_chart
 from amb_core.loop.pace import Pace, pace_values
+from amb_core.report.figures.lateness import lateness_chart
 from amb_ros.diagnostics import INSTANCE
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.errors import TargetError
-from amb_core.target.key_file import read_key
+from amb_core.ground.errors import TargetError
+from amb_core.rig.link.key_file import read_key
 
 KEY = bytes(range(32))
 

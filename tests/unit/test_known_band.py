@@ -9,9 +9,9 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from amb_core.identification import IdentificationData, estimate_uncertainty
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import RobustnessSettings, feedback_of
 from amb_core.robustness.assessment import assess_loop
 from amb_core.robustness.checks import assumption_check, band_checks

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from amb_core.errors import ParameterError, PlantError
+from amb_core.ground.errors import ParameterError, PlantError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import validate
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters, describe, linearize
 from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.eddy import diffusion, eddy_bandwidth, lamination_terms, lamination_time_constant

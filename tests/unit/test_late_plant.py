@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import RobustnessError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification import estimate_uncertainty
-from amb_core.identification.data import IdentificationData
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.sampling import discretised
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import RobustnessSettings, assess, classical_margins, feedback_of
 from amb_core.robustness.late_plant import late_model, late_uncertainty
 from tests.lqg_loop import linear_law, rotor

@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from amb_bringup.launch_file import NodeProcess, read_launch_file
-from amb_bringup.launcher import Graph, own_domain
-from amb_bringup.packages import LaunchError, find_executable
+from amb_bringup.graph.launch_file import NodeProcess, read_launch_file
+from amb_bringup.graph.launcher import Graph, own_domain
+from amb_bringup.graph.packages import LaunchError, find_executable
 
 LAUNCH_FOLDER = Path(__file__).parents[2] / "src" / "amb_bringup" / "launch"
 NODES = {
@@ -201,7 +201,7 @@ def test_graph_forwards_output_with_names_and_stops_with_sigterm() -> None:
 
 def test_node_that_ignores_sigterm_is_ended_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     stages = ((signal.SIGTERM, 0.3), (signal.SIGKILL, 5.0))
-    monkeypatch.setattr("amb_bringup.launcher.STOP_STAGES", stages)
+    monkeypatch.setattr("amb_bringup.graph.launcher.STOP_STAGES", stages)
     with Graph([shell("stubborn", STUBBORN)]) as graph:
         wait_for_line(graph, "stubborn", "ready")
     assert graph.ended() == {"stubborn": -signal.SIGKILL}
@@ -317,7 +317,7 @@ def test_amb_up_refuses_a_wrong_parameter_file_before_it_starts_anything(
 
 def test_two_sessions_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    other = "from amb_bringup.launcher import own_domain; print(own_domain())"
+    other = "from amb_bringup.graph.launcher import own_domain; print(own_domain())"
     own = own_domain()
     given = int(subprocess.run([sys.executable, "-c", other], capture_output=True, text=True, check=True).stdout)
     assert own_domain() == own != given

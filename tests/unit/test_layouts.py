@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler
-from amb_core.export.layouts import foxglove_layout, plotjuggler_layout, radial_pairs
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.recording import BagWriter, Recording
+from amb_core.recording.export import RunTelemetry, write_foxglove, write_plotjuggler
+from amb_core.recording.export.layouts import foxglove_layout, plotjuggler_layout, radial_pairs
 from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry
 
 FOLDER = Path(__file__).parents[2] / "src" / "amb_bringup" / "layouts"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
+from amb_core.linear.model.modes import modes_of
 from amb_core.linear.simulation import simulate as simulate_linear
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.model.modes import modes_of
-from amb_core.parameters import validate
 from amb_core.plant import Linearization, Plant, PlantParameters, linearize
+from amb_core.plant.simulation import simulate
 from amb_core.plant.thrust_bearing import half_order
-from amb_core.simulation import simulate
 
 RIG = {"rotor.model": "rigid", "rotor.axial": True}
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError
 from amb_core.excitation import Square, generate
+from amb_core.ground.errors import ParameterError
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters, pd_as_linear, with_anti_windup
-from amb_core.model import StateSpaceModel
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 RATE = 10_000.0
 

@@ -12,11 +12,11 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis import read
-from amb_core.errors import AmbError, ParameterError
+from amb_core.data.analysis import read
+from amb_core.data.controller_choice import named_controller
+from amb_core.data.experiments import write_data
+from amb_core.ground.errors import AmbError, ParameterError
 from amb_core.identification import IdentificationData, StateSpaceModel, identify
-from amb_core.identification.controller_choice import named_controller
-from amb_core.identification.data import write_data
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.loop.records import LoopRecord

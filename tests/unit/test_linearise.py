@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from amb_core.errors import ParameterError, PlantError
+from amb_core.ground.errors import ParameterError, PlantError
+from amb_core.linear.step_response import fit_step_response
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
@@ -21,8 +22,7 @@ from amb_core.plant import (
     linearize,
 )
 from amb_core.plant.averaged import AveragedPlant
-from amb_core.simulation import simulate
-from amb_core.step_response import fit_step_response
+from amb_core.plant.simulation import simulate
 
 AVERAGED = AmplifierParameters(switching=False)
 WITHOUT_GRAVITY = RotorParameters(gravity=0.0)

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError, TargetError
+from amb_core.ground.errors import ParameterError, TargetError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
-from amb_core.target import ExcitationPhase, TargetLink, TargetSettings, TargetState, TooLateError
+from amb_core.plant.simulation import simulate
+from amb_core.rig.link import ExcitationPhase, TargetLink, TargetSettings, TargetState, TooLateError
 from amb_sim_node.bridge_parameters import LinkParameters
 from amb_sim_node.rig_link import link_of
 from tests.unit.test_target_link import Listener, settled

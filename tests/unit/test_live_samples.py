@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from amb_bringup.view.samples import KEPT_COLUMNS, SampleDisplay, Seen
-from amb_core.live import ColumnPyramid, OrbitPath, RunningSpectrum, planes_of
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord
+from amb_core.recording.live import ColumnPyramid, OrbitPath, RunningSpectrum, planes_of
 
 SAMPLE_TIME = 1e-4
 

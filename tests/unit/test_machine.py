@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from amb_core.errors import MachineError
+from amb_core.ground.errors import MachineError
 from amb_core.loop.machine import MOST_AXES, Machine
 from amb_core.plant import PlantParameters, RotorParameters
 from amb_core.plant.machine import machine_of

@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from amb_bringup.demo_run import controller_of, plant_of
-from amb_core import machine_experiment
+from amb_bringup.demos.demo_run import controller_of, plant_of
+from amb_core.data.experiments.checks import Severity, check_excitation, highest_excited_order
+from amb_core.designs.excitation import excited_order
 from amb_core.excitation import Multisine, generate
-from amb_core.excitation_design import excited_order
+from amb_core.ground.parameters import flatten, part_of, validate
 from amb_core.identification import IdentificationData
-from amb_core.identification.data.checks import Severity, check_excitation, highest_excited_order
 from amb_core.loop.control import PdController
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import flatten, part_of, validate
 from amb_core.plant import FlexibleRotorParameters, Plant, PlantParameters, RotorParameters, uniform_shaft
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
+from amb_core.rig import machine_experiment
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
 from amb_sim_node.machine_files import machine_file, machine_parameters
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"

@@ -9,11 +9,11 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
+from amb_core.ground.tasks import pool
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSweep, RegionMap
 from amb_core.regions.region_map.dwell_run import Dwell, DwellTask
-from amb_core.tasks import pool
 from tests.waiting_pool import WaitingPool
 
 STEEL = "H,B\n0,0\n100,0.8\n1000,1.4\n20000,1.9\n"

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.errors import RobustnessError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
 from amb_core.loop.control import ControllerParameters
 from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.modal_data import ModalData
 
 MODES = 6

@@ -16,7 +16,7 @@ from scipy import io
 from scipy.linalg import block_diag
 from scipy.signal import dlsim
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, reduce_balanced, to_continuous, to_predictor, to_scipy
 
 if TYPE_CHECKING:

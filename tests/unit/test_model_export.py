@@ -18,9 +18,9 @@ from scipy import io
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.export.fmu import write_fmu
-from amb_core.export.model_texts import STEPS, c_texts, identifier, julia_text, python_text, vector_of
 from amb_core.identification import StateSpaceModel
+from amb_core.recording.export.fmu import write_fmu
+from amb_core.recording.export.model_texts import STEPS, c_texts, identifier, julia_text, python_text, vector_of
 
 STRICT = (
     "gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-O2", "-ffp-contract=off",

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
 from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.modes import closed_loop_modes
 from amb_core.linear import LinearSystem
+from amb_core.linear.model.mode_pairs import pair_modes
+from amb_core.linear.model.modes import Modes, modes_of
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.model.whirl import ellipticity, sensor_planes, whirl_of
 from amb_core.linear.sampling import discretised
 from amb_core.loop.control import ControllerParameters
-from amb_core.model.mode_pairs import pair_modes
-from amb_core.model.modes import Modes, modes_of
-from amb_core.model.state_space import StateSpaceModel
-from amb_core.model.whirl import ellipticity, sensor_planes, whirl_of
 from amb_core.plant import Plant, PlantParameters, RigidRotorParameters, RotorParameters, linearize, uniform_shaft
 from amb_core.plant.rotor import RotorModel, modal_rotor, rigid_rotor
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import Block, RobustnessSettings, feedback_of, mu_peak
 from amb_core.robustness.mu_blocks import Blocks, lower_of_blocks, upper_of_blocks
 from amb_core.robustness.replay import distance_from_circle

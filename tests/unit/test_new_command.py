@@ -11,11 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_bringup.node_parameters import check_parameter_file
-from amb_bringup.packages import find_executable
-from amb_core.errors import AmbError
+from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_bringup.graph.packages import find_executable
+from amb_core.ground.errors import AmbError
+from amb_core.ground.parameters import load_parameters
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters
 from amb_sim_node.parameters import SimulatorParameters
 
 ANSWERS = {"gap": "0.4mm", "turns": "60", "mass": "4kg", "bias-current": "2.5", "voltage": "150V"}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.identification.numerics import thin_svd
+from amb_core.linear.numerics import thin_svd
 
 RARE = Path(__file__).parent / "data" / "slow_svd.npz"
 """Sensitivities of a search for a bearing of order 10, for which gesdd of OpenBLAS 0.3 does not converge."""

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import amb_core as amb
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import RecordedLoop
+from amb_core.data.experiments import RecordedLoop
+from amb_core.ground.errors import IdentificationError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.robustness import RobustnessSettings

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.exit_codes import NOT_CERTIFIED, NOT_VALIDATED
-from amb_core.excitation_design.excited_order import ExcitedOrder
-from amb_core.identification.validation.fit import fit_text
+from amb_core.designs.excitation.excited_order import ExcitedOrder
+from amb_core.identification.fit import fit_text
 from tests.unit.test_recording_report import write_bag
 
 VERDICTS = ("not validated", "validated with reservations", "validated")  # the longest first, as one ends with another

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.results import ResultError, names_file
+from amb_core.data.experiments import write_data
 from amb_core.identification import IdentificationData, StateSpaceModel
-from amb_core.identification.data import write_data
 
 COMMANDS = {
     "demo": [],

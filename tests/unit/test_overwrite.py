@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import COMMANDS, LateCommand, app
 from amb_bringup.commands.overwrite import PLACES
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 
 DATA = Path(__file__).parents[1] / "data" / "own_data"
 

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 from amb_core.identification import StateSpaceModel
 from tests.benchmarks.first_hour.files import CASES, FOLDER, Case
 

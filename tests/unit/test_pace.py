@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.loop.pace import Lateness, Pace
-from amb_core.parameters import validate
 from amb_sim_node.parameters import SimulatorParameters
 
 PERIOD = 1e-3

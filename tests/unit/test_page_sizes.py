@@ -16,8 +16,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError
-from amb_core.report import pdf
+from amb_core.ground.errors import AmbError
+from amb_core.report.pages import pdf
 from tests.graph.live_page import CHROMIUM, Visit, open_browser
 from tests.page_pictures import FITS, KEPT, LOOKS, MADE_WITH, Look, differing_tiles, keep, made_with, picture, visit
 from tests.page_specimen import POLE, write_specimen

@@ -9,16 +9,16 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from amb_bringup.paper.campaign import run_campaign
-from amb_bringup.paper.page import paper_report
-from amb_bringup.paper.studies import OPENING, STUDIES, studies_named
-from amb_bringup.paper.study import Claim, DrawnFigure, Setting, Study, StudyError, StudyResult, Workplace
-from amb_core.errors import RegionError
-from amb_core.figures.chart import Chart
-from amb_core.figures.drawing import Axis, Curve, Panel
-from amb_core.figures.style import PLANT
-from amb_core.report import TableBlock
-from amb_core.tasks.provenance import code_version
+from amb_core.ground.errors import RegionError
+from amb_core.ground.tasks.provenance import code_version
+from amb_core.report.figures.chart import Chart
+from amb_core.report.figures.drawing import Axis, Curve, Panel
+from amb_core.report.figures.style import PLANT
+from amb_core.report.pages import TableBlock
+from amb_paper.campaign import run_campaign
+from amb_paper.page import paper_report
+from amb_paper.studies import OPENING, STUDIES, studies_named
+from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyError, StudyResult, Workplace
 
 
 class Drawing(Study):
@@ -100,7 +100,8 @@ def test_a_study_whose_files_are_gone_runs_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
 def test_a_result_depends_on_the_library_and_on_all_modules_of_this_package(study: Study) -> None:
     assert study.describe()["library"] == code_version("amb_core")
-    assert study.describe()["studies"] == code_version("amb_bringup")
+    assert study.describe()["studies"] == code_version("amb_paper")
+    assert study.describe()["graph"] == code_version("amb_bringup")
 
 
 def test_the_report_opens_with_a_sweep_and_the_map_and_counts_verdicts() -> None:

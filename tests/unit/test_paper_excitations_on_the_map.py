@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_bringup.paper.studies.excitations_on_the_map import (
-    judge_noise,
-    judge_noise_content,
-    judge_pulse_content,
-    judge_pulses,
-)
+from amb_core.designs.excitation import ExcitationCheck, Trial, check_excitation
 from amb_core.excitation import WhiteNoise, generate
-from amb_core.excitation_design import ExcitationCheck, Trial, check_excitation
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import PlantParameters
 from amb_core.regions import Onset, Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_paper.studies.excitations_on_the_map import (
+    judge_noise,
+    judge_noise_content,
+    judge_pulse_content,
+    judge_pulses,
+)
 
 
 @pytest.fixture(scope="module")

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from amb_bringup.paper.studies.force_equations import (
+from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
+from amb_core.plant.closed_forms import force_constant
+from amb_core.plant.force_law import ForceTrajectory, electromagnet_force, iron_path_length
+from amb_core.regions import Region
+from amb_core.report.figures.drawing import Points
+from amb_core.report.figures.force import force_chart, force_speed_chart
+from amb_paper.studies.force_equations import (
     ForceEquations,
     derivative_claim,
     inference_claim,
     rearrangement_claim,
     unrelated_signals,
 )
-from amb_core.figures.drawing import Points
-from amb_core.figures.force import force_chart, force_speed_chart
-from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
-from amb_core.plant.closed_forms import force_constant
-from amb_core.plant.force_law import ForceTrajectory, electromagnet_force, iron_path_length
-from amb_core.regions import Region
 
 K = force_constant(MagneticCircuitParameters())
 

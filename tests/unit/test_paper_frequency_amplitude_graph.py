@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from amb_bringup.paper.studies.frequency_amplitude_graph import (
+from amb_core.regions import Region
+from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
+from amb_paper.studies.frequency_amplitude_graph import (
     judge_extent,
     judge_fall,
     judge_regions,
     judge_speed,
 )
-from amb_core.regions import Region
-from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 
 AMPLITUDES = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6)
 

@@ -6,12 +6,12 @@ import re
 
 import pytest
 
-from amb_bringup.paper.studies.excitations_on_the_map import ExcitationsOnTheMap
-from amb_bringup.paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
-from amb_bringup.paper.studies.subharmonics import Subharmonics
-from amb_bringup.paper.studies.sweep_rig import RigSweep
-from amb_bringup.paper.study import Study, Workplace
-from amb_core.report import ANSWERS
+from amb_core.report.pages import ANSWERS
+from amb_paper.studies.excitations_on_the_map import ExcitationsOnTheMap
+from amb_paper.studies.frequency_amplitude_graph import FrequencyAmplitudeGraph
+from amb_paper.studies.subharmonics import Subharmonics
+from amb_paper.studies.sweep_rig import RigSweep
+from amb_paper.study import Study, Workplace
 
 LARGEST_PAGE = 300_000  # bytes
 

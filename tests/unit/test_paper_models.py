@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_bringup.paper import graph_experiment
-from amb_bringup.paper.graph_experiment import GraphExperiment, LoopRun, equality_claim
-from amb_bringup.paper.model_trials import ModelTask, ModelTrial
-from amb_bringup.paper.studies import arx, concurrent_sweep, multisine
-from amb_bringup.paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
-from amb_core.errors import IdentificationError
 from amb_core.excitation import Square
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.arx import arx as identify_arx
 from amb_core.identification.focus.sweep_error import SweepError, sweep_error
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Onset, Region
+from amb_paper import graph_experiment
+from amb_paper.graph_experiment import GraphExperiment, LoopRun, equality_claim
+from amb_paper.model_trials import ModelTask, ModelTrial
+from amb_paper.studies import arx, concurrent_sweep, multisine
+from amb_paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
 
 
 def record(position: np.ndarray) -> LoopRecord:

@@ -5,14 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_bringup.paper.studies.subharmonics import (
-    SURFACE,
-    judge_cause,
-    judge_influence,
-    judge_product,
-    judge_slow,
-)
-from amb_core.subharmonics import (
+from amb_core.regions.subharmonics import (
     Line,
     Product,
     SlowComponent,
@@ -20,6 +13,13 @@ from amb_core.subharmonics import (
     SubharmonicSettings,
     SubharmonicSpectrum,
     SubharmonicSurface,
+)
+from amb_paper.studies.subharmonics import (
+    SURFACE,
+    judge_cause,
+    judge_influence,
+    judge_product,
+    judge_slow,
 )
 
 NONE = np.empty(0)

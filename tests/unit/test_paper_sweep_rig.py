@@ -7,7 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from amb_bringup.paper.studies.sweep_rig import (
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant
+from amb_core.regions import Classification
+from amb_paper.studies.sweep_rig import (
     CONFIGURED,
     Resonance,
     bias,
@@ -18,11 +22,7 @@ from amb_bringup.paper.studies.sweep_rig import (
     resonance,
     slow_component,
 )
-from amb_bringup.paper.sweeps import SweptBearing
-from amb_core.loop.control import ControllerParameters
-from amb_core.loop.records import LoopRecord
-from amb_core.plant import Plant
-from amb_core.regions import Classification
+from amb_paper.sweeps import SweptBearing
 
 STEPS = 40_000
 TIME = np.arange(STEPS) * 1e-4

@@ -8,9 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_bringup.paper.studies.causes import ALL, CASES, CENTRED, FORCE_LAW, cause_claim, effects_note, rotor_speed
-from amb_bringup.paper.studies.causes import speed_claim as motion_claim
-from amb_bringup.paper.studies.sweep_one_axis import (
+from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant
+from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_paper.studies.causes import ALL, CASES, CENTRED, FORCE_LAW, cause_claim, effects_note, rotor_speed
+from amb_paper.studies.causes import speed_claim as motion_claim
+from amb_paper.studies.sweep_one_axis import (
     PAPER,
     SLOW,
     TOP,
@@ -22,13 +26,9 @@ from amb_bringup.paper.studies.sweep_one_axis import (
     order_claim,
     region_a_fit,
 )
-from amb_bringup.paper.studies.sweep_two_axes import gravity_claim, regions_claim
-from amb_bringup.paper.study import Claim, judged, with_another_value
-from amb_bringup.paper.sweeps import SLOW_NOTE, TOP_COIL, SweptBearing, in_order, sweep_bearing
-from amb_core.loop.control import ControllerParameters
-from amb_core.loop.records import LoopRecord
-from amb_core.plant import Plant
-from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_paper.studies.sweep_two_axes import gravity_claim, regions_claim
+from amb_paper.study import Claim, judged, with_another_value
+from amb_paper.sweeps import SLOW_NOTE, TOP_COIL, SweptBearing, in_order, sweep_bearing
 
 STEPS, REST = 10_000, 1_000
 FREQUENCY = np.concatenate([np.full(REST, np.nan), np.linspace(100.0, 1_000.0, STEPS - REST)])

@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import LateCommand, app
 from amb_bringup.commands.inputs import parameter_file
-from amb_bringup.node_parameters import check_parameter_file
-from amb_bringup.parameter_changes import changed_file
-from amb_core.errors import ParameterError
-from amb_core.files.parameter_files import ParameterFile
-from amb_core.parameters import load_parameters
+from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_bringup.graph.parameter_changes import changed_file
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.parameters import load_parameters
 from amb_sim_node.parameters import SimulatorParameters
 
 

@@ -12,11 +12,11 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from amb_bringup.client import NODES as CLIENT_NODES
-from amb_bringup.node_parameters import PARAMETERS, check_parameter_file
-from amb_core.errors import ParameterError
-from amb_core.files.parameter_files import CONTROLLERS, KNOWN_NODES, NODES, ParameterFile, full_name, of_rclpy
+from amb_bringup.graph.node_parameters import PARAMETERS, check_parameter_file
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.files.parameter_files import CONTROLLERS, KNOWN_NODES, NODES, ParameterFile, full_name, of_rclpy
+from amb_core.ground.parameters import load_parameters, own_declarations
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, own_declarations
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters
 from amb_ros import overflowed_wait

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.designs.tuning.pd_gains import ENOUGH, choose_gains
+from amb_core.ground.errors import PlantError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import (
     FlexibleRotorParameters,
@@ -15,7 +16,6 @@ from amb_core.plant import (
     linearize,
     uniform_shaft,
 )
-from amb_core.tuning.pd_gains import ENOUGH, choose_gains
 
 
 def flexible(folder: Path, length: float, diameter: float, bearings: float) -> PlantParameters:

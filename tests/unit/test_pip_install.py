@@ -56,7 +56,7 @@ def built(folder: Path) -> Path:
 
 EMULATION = """
 import amb_core
-from amb_core.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
+from amb_core.rig.emulation import Address, FaultParameters, LimitParameters, TargetEmulator, reference_library
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
 

@@ -7,11 +7,11 @@ import copy
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 AXIAL = {"rotor.axial": True}
 RIGID = {"rotor.model": "rigid"}

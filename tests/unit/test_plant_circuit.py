@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters
 from amb_core.plant.closed_forms import current_gain, force_constant, inductance, negative_stiffness
 from amb_core.plant.network import build_network, flux_constraints

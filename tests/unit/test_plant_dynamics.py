@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import (
     AmplifierParameters,
@@ -18,7 +18,7 @@ from amb_core.plant import (
 )
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.energy import EnergyAccount
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 
 def joined(traces: list[Trace]) -> dict[str, np.ndarray]:

@@ -24,7 +24,7 @@ from amb_core.plant.parameters import (
     IronParameters,
     SensorParameters,
 )
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 MASS, GRAVITY = 6.25, 9.81
 TWO_PI = 2.0 * np.pi

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.parameters import validate
+from amb_core.ground.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.plant.eddy import eddy_bandwidth
 from amb_core.plant.figures import bandwidth_figure, force_figure, hysteresis_loop, iron_figure

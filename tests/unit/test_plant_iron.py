@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
-from amb_core.parameters import validate
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.iron import saturation_curve
 

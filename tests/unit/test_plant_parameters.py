@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from amb_core.errors import ParameterError
-from amb_core.parameters import declarations, flatten, load_parameters, validate
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import declarations, flatten, load_parameters, validate
 from amb_core.plant import PlantParameters
 
 DECLARED = {declaration.name: declaration for declaration in declarations(PlantParameters)}

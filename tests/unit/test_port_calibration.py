@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.target.reference import COMPILER, SOURCE
+from amb_core.rig.link.reference import COMPILER, SOURCE
 
 Number = ctypes.c_double
 

@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.inputs import inputs_of, load_loop
-from amb_core.errors import ProjectError
-from amb_core.project import Kind, State, status_of
+from amb_core.ground.errors import ProjectError
+from amb_core.report.project import Kind, State, status_of
 from amb_core.robustness import sha256_of
 from tests.written_bags import write_telemetry
 

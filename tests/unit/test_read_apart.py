@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.analysis import read
-from amb_core.errors import AmbError, BagError, IdentificationError
-from amb_core.files import apart, limits
-from amb_core.files.matlab import load_variables
+from amb_core.data.analysis import read
+from amb_core.data.tables import load_content
+from amb_core.ground.errors import AmbError, BagError, IdentificationError
+from amb_core.ground.files import apart, limits
+from amb_core.ground.files.matlab import load_variables
 from amb_core.recording import BagWriter, Recording, inspect_bag
-from amb_core.tables import load_content
 from tests.fuzz.crafted_files import CRAFTED, SECRET, make_secret
 
 

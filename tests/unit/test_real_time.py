@@ -9,9 +9,9 @@ import threading
 
 import pytest
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.loop.real_time import RealTimeParameters, enter_real_time, processors_of
-from amb_core.parameters import validate
 
 WITHOUT_RIGHTS = """
 import os, resource

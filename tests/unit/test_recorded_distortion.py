@@ -14,8 +14,20 @@ from scipy.signal import butter, lfilter
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis import read
-from amb_core.distortion import (
+from amb_core.data.analysis import read
+from amb_core.data.experiments import IdentificationData, write_data
+from amb_core.data.experiments.checks import Severity, check_distortion
+from amb_core.excitation import excitation_from_request, generate
+from amb_core.ground.errors import SpectrumError
+from amb_core.identification import identify
+from amb_core.identification.validation import validate
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.simulation import simulate
+from amb_core.recording import BagWriter, Recording
+from amb_core.regions import Region
+from amb_core.regions.distortion import (
     DistortionSettings,
     find_evidence,
     lines_of,
@@ -24,21 +36,9 @@ from amb_core.distortion import (
     reference_of,
     simulate_distortion,
 )
-from amb_core.errors import SpectrumError
-from amb_core.excitation import excitation_from_request, generate
-from amb_core.figures import plot
-from amb_core.figures.style import region_label
-from amb_core.identification import identify
-from amb_core.identification.data import IdentificationData, write_data
-from amb_core.identification.data.checks import Severity, check_distortion
-from amb_core.identification.validation import validate
-from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.loop.records import LoopRecord
-from amb_core.plant import Plant, PlantParameters
-from amb_core.recording import BagWriter, Recording
-from amb_core.regions import Region
-from amb_core.report.recording import recording_report
-from amb_core.simulation import simulate
+from amb_core.report.figures import plot
+from amb_core.report.figures.style import region_label
+from amb_core.report.pages.recording import recording_report
 from tests.bag_messages import TELEMETRY, definition, telemetry
 
 Signal = NDArray[np.float64]

@@ -12,8 +12,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis.recorded_regions import classify_run
-from amb_core.errors import BagError, ParameterError, RegionError
+from amb_core.data.analysis.recorded_regions import classify_run
+from amb_core.ground.errors import BagError, ParameterError, RegionError
 from amb_core.recording import BagWriter, Recording
 from amb_core.regions import Region
 from amb_core.regions.stretches import stretches

@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis.recorded_data import recorded_data
-from amb_core.analysis.recorded_regions import classify_run
-from amb_core.errors import ParameterError
+from amb_core.data.analysis.recorded_data import recorded_data
+from amb_core.data.analysis.recorded_regions import classify_run
+from amb_core.ground.errors import ParameterError
 from amb_core.loop.records import LoopRecord
 from amb_core.plant.machine import machine_of
 from amb_core.plant.parameters import PlantParameters, RotorParameters

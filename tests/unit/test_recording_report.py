@@ -11,13 +11,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter, Recording
-from amb_core.report import Badge, FigureBlock, Prose, Report, Section, TableBlock
-from amb_core.report.document import text_of
-from amb_core.report.recording import recording_report
+from amb_core.report.pages import Badge, FigureBlock, Prose, Report, Section, TableBlock
+from amb_core.report.pages.document import text_of
+from amb_core.report.pages.recording import recording_report
 from tests.bag_messages import PARAMETERS, TELEMETRY, definition, telemetry
 
 

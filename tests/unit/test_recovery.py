@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter, Recording, inspect_bag, recover_bag
 from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry

@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_bringup.experiment import Experiment
-from amb_bringup.experiment_session import require_playable
-from amb_core.errors import AmbError, ExcitationError
+from amb_bringup.client.experiment import Experiment
+from amb_bringup.experiments.experiment_session import require_playable
 from amb_core.excitation import excitation_from_request
+from amb_core.ground.errors import AmbError, ExcitationError
 
 NOWHERE = "no_such_bag"
 

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError, RegionError
-from amb_core.parameters import validate
+from amb_core.ground.errors import ParameterError, RegionError
+from amb_core.ground.parameters import validate
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
 

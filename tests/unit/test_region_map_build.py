@@ -7,13 +7,13 @@ import threading
 
 import pytest
 
-from amb_core.errors import ParameterError, PlantError, RegionError, TaskError
+from amb_core.ground.errors import ParameterError, PlantError, RegionError, TaskError
+from amb_core.ground.parameters import validate
+from amb_core.ground.tasks import cluster, pool
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, build_grid, build_map
-from amb_core.tasks import cluster, pool
 from tests.waiting_pool import WaitingPool
 
 SHORT = MapSettings(

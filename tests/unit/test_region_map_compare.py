@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.lines import command_gain

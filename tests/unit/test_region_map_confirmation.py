@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.errors import RegionError, TaskError
+from amb_core.designs.excitation import check_excitation
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.excitation_design import check_excitation
+from amb_core.ground.errors import RegionError, TaskError
+from amb_core.ground.parameters import validate
+from amb_core.ground.tasks import pool
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import (
@@ -31,7 +32,6 @@ from amb_core.regions.region_map import (
     two_rates,
 )
 from amb_core.regions.region_map.dwell_run import Dwell, DwellTask
-from amb_core.tasks import pool
 from tests.waiting_pool import WaitingPool
 
 LOOP = (PlantParameters(), ControllerParameters())

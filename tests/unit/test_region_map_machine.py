@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters, RotorParameters
 from amb_core.plant.machine import machine_of

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import MapSettings, RegionMap, analytic_lines, build_map, compare

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.recording.messages.region_map import (
     fill_region_map,
     map_settings_from_message,

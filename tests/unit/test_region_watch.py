@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.regions import Region, RegionParameters, RegionState

@@ -10,15 +10,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import cont2discrete, lfilter
 
-from amb_core.errors import ParameterError, RegionError
 from amb_core.excitation import Sweep, generate
+from amb_core.ground.errors import ParameterError, RegionError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
 from amb_core.plant import Plant
 from amb_core.plant.parameters import PlantParameters
+from amb_core.plant.simulation import simulate
 from amb_core.regions import Region, RegionClassifier, RegionParameters, RegionState, classify
-from amb_core.simulation import simulate
 
 RATE = 10_000.0
 PARAMETERS = RegionParameters()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters, describe
 from amb_core.regions import lines

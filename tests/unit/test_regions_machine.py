@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.regions import (

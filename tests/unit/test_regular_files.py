@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.analysis import read
-from amb_core.errors import AmbError, ParameterError
-from amb_core.files.regular_files import read_text
+from amb_core.data.analysis import read
+from amb_core.ground.errors import AmbError, ParameterError
+from amb_core.ground.files.regular_files import read_text
+from amb_core.ground.parameters import load_parameters
 from amb_core.identification import StateSpaceModel
-from amb_core.parameters import load_parameters
 from amb_core.plant import ModalData, PlantParameters
 from amb_core.plant.bh_table import read_bh_table
 from amb_core.recording import Recording

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import AmbError
-from amb_core.figures import response_chart
+from amb_core.ground.errors import AmbError
 from amb_core.loop.records import LoopRecord
-from amb_core.report import (
+from amb_core.report.figures import response_chart
+from amb_core.report.pages import (
     Badge,
     FigureBlock,
     Listing,

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.figures import map_chart, response_chart
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep, RegionMap
-from amb_core.report import (
+from amb_core.report.figures import map_chart, response_chart
+from amb_core.report.pages import (
     Badge,
     FigureBlock,
     Prose,

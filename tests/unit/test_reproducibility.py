@@ -11,7 +11,7 @@ RUN = """
 import hashlib
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.excitation import Square, generate
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from amb_core.plant import Plant
 signal = generate(Square(amplitude=50e-6, duration=0.1, frequency=20.0), 1e4)
 record = simulate(Plant(), PdController(ControllerParameters()), 1_500, signal.samples, 500)

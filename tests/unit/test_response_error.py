@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.response_error import response_error
 from amb_core.linear import LinearSystem
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 SAMPLE_TIME = 1e-4
 POLES = np.array([0.9, 0.95, 0.99])

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from amb_core.data.experiments import merge
 from amb_core.excitation.seeded import Multisine
 from amb_core.identification import IdentificationData
-from amb_core.identification.data import merge
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
 
 SAMPLE_TIME = 1e-3

@@ -11,11 +11,11 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.analysis import read
-from amb_core.distortion import DistortionSettings
+from amb_core.data.analysis import read
+from amb_core.ground.results import VERSION, plain, unnamed
 from amb_core.identification import identify
 from amb_core.regions import Region
-from amb_core.results import VERSION, plain, unnamed
+from amb_core.regions.distortion import DistortionSettings
 from tests.benchmarks.first_hour.files import FOLDER
 
 DATA = FOLDER / "with_reference.csv"

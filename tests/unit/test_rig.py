@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import ExcitationError, ParameterError
+from amb_core.ground.errors import ExcitationError, ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.loop.allowed_changes import AllowedChanges
 from amb_core.loop.machine import ONE_BEARING, MachineBearing
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
 from amb_core.rig import BridgeTrip, ExcitationProtection, ProtectionParameters, Runs, RunSamples, TripLog, describe
+from amb_core.rig.link import ExcitationPhase, Limits, TargetState, TargetStatus, TelemetryBlock, Trip, TripReason
 from amb_core.rig.trips import _TEXTS
-from amb_core.target import ExcitationPhase, Limits, TargetState, TargetStatus, TelemetryBlock, Trip, TripReason
 from amb_sim_node.bridge_parameters import BridgeParameters
 from tests.target_rig import machine
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from amb_core.errors import RobustnessError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification import closed_loop_poles, estimate_uncertainty
-from amb_core.identification.data import IdentificationData
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl

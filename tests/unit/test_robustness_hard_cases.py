@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError, RobustnessError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError, RobustnessError
 from amb_core.identification import estimate_uncertainty
-from amb_core.identification.data import IdentificationData
 from amb_core.linear import LinearSystem
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.inputs import load_loop
-from amb_bringup.node_parameters import check_parameter_file
-from amb_core.errors import AmbError, PlantError
+from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_core.ground.errors import AmbError, PlantError
 from amb_core.plant import Plant, linearize
 from amb_core.plant.ross_source import ross_rotor
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.modal_data import ModalData
 from amb_core.plant.ross_rotor import modal_data_from_ross
 from amb_core.plant.rotor import RotorModel, modal_rotor

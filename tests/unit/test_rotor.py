@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant import PlantParameters, RotorParameters
 from amb_core.plant.modal_data import ModalData
 from amb_core.plant.parameters import FlexibleRotorParameters, RigidRotorParameters

@@ -11,10 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import AmbError, ParameterError, PlantError
+from amb_core.ground.errors import AmbError, ParameterError, PlantError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, RotorParameters
-from amb_core.running_speeds import SpeedSettings, SpeedTask, identify_over_speeds
+from amb_core.rig.running_speeds import SpeedSettings, SpeedTask, identify_over_speeds
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
 POINT_MASS = PlantParameters(rotor=RotorParameters(gravity=0.0))

@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.errors import ExcitationError
+from amb_core.designs.excitation import designed_excitation
 from amb_core.excitation import Multisine, Square
-from amb_core.excitation_design import designed_excitation
+from amb_core.ground.errors import ExcitationError
 
 DESIGNED = Multisine(amplitude=17.6e-6, duration=2.0, frequency_end=500.0, phasing="optimised", axes="x", seed=5)
 

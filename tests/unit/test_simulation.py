@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.errors import ExcitationError, ParameterError
+from amb_core.ground.errors import ExcitationError, ParameterError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 
 
 def run(steps: int = 20, excitation: np.ndarray | None = None, first: int = 0) -> LoopRecord:

@@ -7,8 +7,8 @@ import zlib
 import numpy as np
 import pytest
 
-from amb_core.target import TelemetryBlock, commands, decode
-from amb_core.target.layout import MAGIC, FrameType, TelemetryOption
+from amb_core.rig.link import TelemetryBlock, commands, decode
+from amb_core.rig.link.layout import MAGIC, FrameType, TelemetryOption
 from docs.generators.simulink import SIZES, telemetry_fields, telemetry_table
 from tests.target_rig import Rig
 

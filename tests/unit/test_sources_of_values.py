@@ -11,9 +11,9 @@ import yaml
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_bringup.node_parameters import PARAMETERS
+from amb_bringup.graph.node_parameters import PARAMETERS
+from amb_core.ground.parameters import Declaration, declarations, flatten, sourced_values
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import Declaration, declarations, flatten, sourced_values
 from amb_core.plant import PlantParameters
 from docs.generators.tables import parameter_table
 

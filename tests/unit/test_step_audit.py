@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter, StepAudit, audit_steps
 from tests.bag_messages import TELEMETRY, definition, telemetry

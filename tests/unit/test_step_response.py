@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
+from amb_core.linear.step_response import fit_step_response
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters, RotorParameters
-from amb_core.simulation import simulate
-from amb_core.step_response import fit_step_response
+from amb_core.plant.simulation import simulate
 
 
 @pytest.mark.parametrize("natural_hz", [20.0, 63.0, 200.0])

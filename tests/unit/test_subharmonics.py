@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from amb_core.errors import ParameterError, SpectrumError
+from amb_core.ground.errors import ParameterError, SpectrumError
+from amb_core.ground.parameters import validate
 from amb_core.loop.records import LoopRecord
-from amb_core.parameters import validate
-from amb_core.subharmonics import SubharmonicSettings, SurfaceSettings, analyse
-from amb_core.subharmonics.products import products_by_bin
-from amb_core.subharmonics.summary import spectrum_summary
+from amb_core.regions.subharmonics import SubharmonicSettings, SurfaceSettings, analyse
+from amb_core.regions.subharmonics.products import products_by_bin
+from amb_core.regions.subharmonics.summary import spectrum_summary
 
 RATE = 10_000.0
 UM = 1e-6

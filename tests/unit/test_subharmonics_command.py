@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands import subharmonics
-from amb_core.errors import SpectrumError, TaskError
-from amb_core.tasks import cluster
+from amb_core.ground.errors import SpectrumError, TaskError
+from amb_core.ground.tasks import cluster
 
 
 def amb(*words):

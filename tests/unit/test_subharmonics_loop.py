@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import ExcitationError, ParameterError, SpectrumError
+from amb_core.ground.errors import ExcitationError, ParameterError, SpectrumError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.simulation.parameters import with_values
-from amb_core.subharmonics import (
+from amb_core.plant.simulation.parameters import with_values
+from amb_core.regions.subharmonics import (
     VARIANTS,
     SubharmonicSettings,
     SubharmonicSpectrum,
@@ -19,7 +19,7 @@ from amb_core.subharmonics import (
     run_subharmonics,
     subharmonic_surface,
 )
-from amb_core.subharmonics.run import excitation
+from amb_core.regions.subharmonics.run import excitation
 
 UM = 1e-6
 # Ten times as coarse as the defaults, to be fast: 0.1 s of blocks on which the shifted tones too have whole periods.

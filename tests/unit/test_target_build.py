@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.errors import TargetError
-from amb_core.target import (
+from amb_core.ground.errors import TargetError
+from amb_core.rig.link import (
     Code,
     CommandWriter,
     Description,
@@ -24,7 +24,7 @@ from amb_core.target import (
     hello,
     machine_of,
 )
-from amb_core.target.reference import COMPILER, SOURCE
+from amb_core.rig.link.reference import COMPILER, SOURCE
 
 CORE = sorted([*SOURCE.glob("*.c"), *SOURCE.glob("*.h")])
 KEY = bytes(range(16))
@@ -58,7 +58,7 @@ def test_it_needs_at_most_16_kib_besides_the_waveform_buffer(tmp_path: Path) -> 
 
 
 def test_every_trip_and_code_has_the_number_that_the_c_code_gives_it(tmp_path: Path) -> None:
-    from amb_core.target import ExcitationPhase, FrameType, TargetState, TripReason
+    from amb_core.rig.link import ExcitationPhase, FrameType, TargetState, TripReason
 
     names = {
         **{f"AMB_{code.name}": code for code in Code if code.name != "CHECKSUM"},

@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from amb_core.target import (
+from amb_core.rig.link import (
     LOOPBACK,
     Code,
     CommandWriter,
@@ -23,7 +23,7 @@ from amb_core.target import (
     decode,
     hello,
 )
-from amb_core.target.frames import encode
+from amb_core.rig.link.frames import encode
 from tests.target_rig import HOST, KEY, Rig
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters, pd_as_linear
-from amb_core.target import Code, Law, Limits, TargetState, commands, controller_upload
+from amb_core.rig.link import Code, Law, Limits, TargetState, commands, controller_upload
 from tests.target_rig import Rig, small_controller
 
 STEPS = 2_000

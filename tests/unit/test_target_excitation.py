@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.target import Code, CommandWriter, Limits, TelemetryBlock, commands, excitation_upload
-from amb_core.target.layout import UploadKind
-from amb_core.target.upload import Upload
+from amb_core.rig.link import Code, CommandWriter, Limits, TelemetryBlock, commands, excitation_upload
+from amb_core.rig.link.layout import UploadKind
+from amb_core.rig.link.upload import Upload
 from tests.target_rig import Rig
 
 

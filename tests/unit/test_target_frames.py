@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import MachineError, TargetError
-from amb_core.target import (
+from amb_core.ground.errors import MachineError, TargetError
+from amb_core.rig.link import (
     Code,
     CommandWriter,
     Description,
@@ -32,7 +32,7 @@ from amb_core.target import (
     hello,
     machine_of,
 )
-from amb_core.target.frames import decode_frame, encode
+from amb_core.rig.link.frames import decode_frame, encode
 from tests.target_rig import HOST, KEY, NONCE, Exchanged, Rig, exchange, golden, machine, replayed
 
 SESSION = Session(NONCE, 2, 4, KEY)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.target import Code, Law, Limits, Session, TargetState, TripReason, commands, excitation_upload
+from amb_core.rig.link import Code, Law, Limits, Session, TargetState, TripReason, commands, excitation_upload
 from tests.target_rig import HOST, NONCE, Rig
 
 MISSED = 5

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.target import InOrder, TelemetryBlock
+from amb_core.rig.link import InOrder, TelemetryBlock
 
 ROWS = 20
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from amb_core.errors import TargetError
-from amb_core.target import ReferenceTarget
+from amb_core.ground.errors import TargetError
+from amb_core.rig.link import ReferenceTarget
 from tests.target_rig import NONCE, Rig, library, machine
 
 

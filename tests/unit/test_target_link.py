@@ -9,11 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from amb_core.emulation import LOCALHOST
-from amb_core.emulation.listening import PSEUDO_TERMINAL
-from amb_core.errors import TargetError
+from amb_core.ground.errors import TargetError
 from amb_core.loop.control import ControllerParameters
-from amb_core.target import (
+from amb_core.rig.emulation import LOCALHOST
+from amb_core.rig.emulation.listening import PSEUDO_TERMINAL
+from amb_core.rig.link import (
     AmbUdpLink,
     ExcitationPhase,
     Limits,
@@ -25,7 +25,7 @@ from amb_core.target import (
     TelemetryBlock,
     TooLateError,
 )
-from amb_core.target.amb_udp import STREAM_TIMEOUT
+from amb_core.rig.link.amb_udp import STREAM_TIMEOUT
 from tests.served_emulator import ServedEmulator
 from tests.soak.tap import Tap
 

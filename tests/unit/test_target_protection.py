@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from amb_core.target import (
+from amb_core.rig.link import (
     Code,
     ExcitationPhase,
     Limits,

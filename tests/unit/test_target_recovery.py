@@ -11,9 +11,9 @@ from collections.abc import Callable
 
 import pytest
 
-from amb_core.errors import TargetError
+from amb_core.ground.errors import TargetError
 from amb_core.loop.control import ControllerParameters
-from amb_core.target import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState
+from amb_core.rig.link import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState
 from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import resummed
 from tests.soak.recovery import recovery

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from amb_core.loop.control import ControllerParameters
-from amb_core.target import (
+from amb_core.rig.link import (
     Code,
     ExcitationPhase,
     Law,

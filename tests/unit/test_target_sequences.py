@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.target import TripReason
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link import TripReason
+from amb_core.rig.link.reference import SOURCE
 from tests.soak.safety import build, run
 
 SEQUENCES = 2_000

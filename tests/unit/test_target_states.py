@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from amb_core.target import TargetState
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link import TargetState
+from amb_core.rig.link.reference import SOURCE
 from tests.safety_case.states import build, recorded, search, search_all, total
 
 PLANTED = {

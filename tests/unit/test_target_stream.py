@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.emulation.listening import PSEUDO_TERMINAL, SerialListening
-from amb_core.errors import TargetError
-from amb_core.target import LOOPBACK
-from amb_core.target.byte_stream import LONGEST, StreamReader, from_stream, to_stream
-from amb_core.target.conformance import Exchange, check_target
-from amb_core.target.layout import LARGEST_FRAME
-from amb_core.target.wire import SerialWire, open_wire
+from amb_core.ground.errors import TargetError
+from amb_core.rig.emulation.listening import PSEUDO_TERMINAL, SerialListening
+from amb_core.rig.link import LOOPBACK
+from amb_core.rig.link.byte_stream import LONGEST, StreamReader, from_stream, to_stream
+from amb_core.rig.link.conformance import Exchange, check_target
+from amb_core.rig.link.layout import LARGEST_FRAME
+from amb_core.rig.link.wire import SerialWire, open_wire
 from tests.served_emulator import ServedEmulator
 from tests.target_rig import golden, library
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from amb_core.target import FrameType
-from amb_core.target.reference import SOURCE
+from amb_core.rig.link import FrameType
+from amb_core.rig.link.reference import SOURCE
 from tests.target_rig import KEY, golden
 
 FUZZ = Path(__file__).parents[1] / "fuzz"

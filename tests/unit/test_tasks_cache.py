@@ -10,18 +10,18 @@ from pathlib import Path
 import pytest
 
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import TaskError
+from amb_core.ground.errors import TaskError
+from amb_core.ground.parameters import validate
+from amb_core.ground.tasks import ResultCache, cache_folder
+from amb_core.ground.tasks.cache import compute
+from amb_core.ground.tasks.provenance import code_version
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import Boundary, MapSettings, MapSweep
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.subharmonics import SubharmonicSettings
-from amb_core.subharmonics.point import PointTask, SurfacePoint
-from amb_core.tasks import ResultCache, cache_folder
-from amb_core.tasks.cache import compute
-from amb_core.tasks.provenance import code_version
+from amb_core.regions.subharmonics import SubharmonicSettings
+from amb_core.regions.subharmonics.point import PointTask, SurfacePoint
 from amb_sim_node.parameters import SimulatorParameters
 
 SWEEP = MapSweep(20e-6, {Region.B: Boundary(300.0, False)}, ((1240.0, 1260.0),), 900.0, 1234)

@@ -11,7 +11,7 @@ import psutil
 import pytest
 from distributed import Client, Security
 
-from amb_core.tasks.cluster import open_cluster
+from amb_core.ground.tasks.cluster import open_cluster
 
 OTHERS: set[int] = set()  # ports of the test run itself
 

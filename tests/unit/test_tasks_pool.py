@@ -7,8 +7,8 @@ import logging
 
 import pytest
 
-from amb_core.errors import TaskError
-from amb_core.tasks import pool
+from amb_core.ground.errors import TaskError
+from amb_core.ground.tasks import pool
 
 ADDRESS = "tcp://10.0.0.1:8786"
 

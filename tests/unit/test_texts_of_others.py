@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app, main
-from amb_core.figures.chart import Chart
-from amb_core.figures.drawing import Axis, Curve, Note, Panel
-from amb_core.figures.style import BLUE, Stroke
-from amb_core.plain_text import plain_text
+from amb_core.ground.plain_text import plain_text
 from amb_core.recording import BagWriter
+from amb_core.report.figures.chart import Chart
+from amb_core.report.figures.drawing import Axis, Curve, Note, Panel
+from amb_core.report.figures.style import BLUE, Stroke
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202ereversed"
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.constants import mu_0
 from scipy.integrate import quad
 
-from amb_core.errors import ParameterError
-from amb_core.parameters import validate
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.plant.thrust_bearing import half_order, half_order_terms, thrust_circuit
 from amb_core.plant.thrust_parameters import ThrustBearingParameters

@@ -7,14 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import ParameterError, PlantError
-from amb_core.figures import stability_figure
-from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, validate
-from amb_core.plant import Plant, PlantParameters, describe, linearize
-from amb_core.plant.averaged import coil_references
-from amb_core.plant.operating_point import static_force
-from amb_core.tuning import (
+from amb_core.designs.tuning import (
     HIGHEST_PEAK,
     Bearing,
     BearingDesign,
@@ -25,9 +18,16 @@ from amb_core.tuning import (
     reason,
     tune,
 )
-from amb_core.tuning.loop_family import LoopFamily, gain_margins
-from amb_core.tuning.sizing import sizing_of
-from amb_core.tuning.stability_chart import stability_chart
+from amb_core.designs.tuning.loop_family import LoopFamily, gain_margins
+from amb_core.designs.tuning.sizing import sizing_of
+from amb_core.designs.tuning.stability_chart import stability_chart
+from amb_core.ground.errors import ParameterError, PlantError
+from amb_core.ground.parameters import load_parameters, validate
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import Plant, PlantParameters, describe, linearize
+from amb_core.plant.averaged import coil_references
+from amb_core.plant.operating_point import static_force
+from amb_core.report.figures import stability_figure
 from tests.benchmarks.first_hour import new, wishes
 
 SMALL = Bearing(gap=0.4e-3, turns=60, mass=4.0, bias_current=2.5, voltage=150.0, delay=1.0, sensor_bandwidth=5e3)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant import uniform_shaft
 from amb_core.plant.parameters import PlantParameters, RigidRotorParameters, RotorParameters
 from amb_core.plant.rotor import modal_rotor, rigid_rotor

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from amb_core.errors import ParameterError
-from amb_core.units import quantity_of
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.units import quantity_of
 
 
 @pytest.mark.parametrize(

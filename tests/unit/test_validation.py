@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import detrend, merge
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
-from amb_core.identification.data import detrend, merge
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation import Condition, Verdict, check_residuals, predict
@@ -24,8 +24,8 @@ from amb_core.identification.validation.report import WIDTH
 from amb_core.identification.validation.ringing import Ringing, find_ringing
 from amb_core.identification.validation.verdict import worst_of
 from amb_core.loop.control import ControllerParameters
-from amb_core.report.document import Section, TableBlock, text_of
-from amb_core.report.validation import validation_section, verdict_badge
+from amb_core.report.pages.document import Section, TableBlock, text_of
+from amb_core.report.pages.validation import validation_section, verdict_badge
 from amb_core.robustness import certify
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor

@@ -12,10 +12,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from amb_bringup.cli import app
-from amb_core.analysis import read
-from amb_core.errors import AmbError, IdentificationError
+from amb_core.data.analysis import read
+from amb_core.data.experiments import IdentificationData, write_data
+from amb_core.ground.errors import AmbError, IdentificationError
 from amb_core.identification import StateSpaceModel, ssarx
-from amb_core.identification.data import IdentificationData, write_data
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.recording import BagWriter

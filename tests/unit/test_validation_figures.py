@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from amb_core.figures.comparison import comparison_chart
-from amb_core.figures.drawing import Band, Curve, Points, Span
-from amb_core.figures.prediction import prediction_chart
-from amb_core.figures.residuals import residuals_chart
 from amb_core.identification.validation import Prediction, check_residuals
+from amb_core.report.figures.comparison import comparison_chart
+from amb_core.report.figures.drawing import Band, Curve, Points, Span
+from amb_core.report.figures.prediction import prediction_chart
+from amb_core.report.figures.residuals import residuals_chart
 
 
 def labels(items) -> set[str]:

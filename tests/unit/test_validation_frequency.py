@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import merge
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, pem, ssarx
-from amb_core.identification.data import merge
 from amb_core.identification.frequency_response import response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
 from amb_core.identification.uncertainty import estimate_uncertainty

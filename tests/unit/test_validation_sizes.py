@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.errors import IdentificationError
-from amb_core.figures import bode_chart
+from amb_core.data.experiments import check_data, write_data
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify, response_of, validate
-from amb_core.identification.data import check_data, write_data
 from amb_core.identification.nonparametric import estimate_response
 from amb_core.identification.validation import predict
+from amb_core.report.figures import bode_chart
 from tests.linear_process import SIZES, LinearProcess
 
 
@@ -109,7 +109,7 @@ def test_a_bode_diagram_has_a_panel_for_every_entry(size: tuple[int, int]) -> No
 
 @pytest.mark.parametrize("ending", ["csv", "mat", "npz"])
 def test_files_keep_any_size_bit_for_bit(tmp_path: Path, ending: str) -> None:
-    from amb_core.analysis import read
+    from amb_core.data.analysis import read
 
     data = data_of((3, 2))
     write_data(data, tmp_path / f"data.{ending}")

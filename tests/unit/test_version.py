@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core import __version__
 from amb_core.recording import mcap_file
-from amb_core.report import Report, write_report
+from amb_core.report.pages import Report, write_report
 from amb_core.robustness.trace import made_now
 
 ROOT = Path(__file__).parents[2]

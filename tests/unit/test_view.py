@@ -17,8 +17,8 @@ from amb_bringup.view.orders import Orders, forms
 from amb_bringup.view.picture import KEPT_LINES, KEPT_NODES, SILENCE, Picture
 from amb_bringup.view.samples import FRAME, Seen
 from amb_bringup.view.server import ViewError, ViewServer
-from amb_core.errors import AmbError
 from amb_core.excitation import KINDS
+from amb_core.ground.errors import AmbError
 from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
 
 

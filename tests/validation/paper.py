@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from amb_core.linear.step_response import fit_step_response
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
-from amb_core.step_response import fit_step_response
+from amb_core.plant.simulation import simulate
 from tests.validation.row import Row
 
 

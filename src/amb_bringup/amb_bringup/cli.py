@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -14,8 +16,8 @@ from typer.main import get_command
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core import __version__
-from amb_core.errors import AmbError
-from amb_core.plain_text import plain_text
+from amb_core.ground.errors import AmbError, MissingExtraError
+from amb_core.ground.plain_text import plain_text
 from amb_ros import network
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
@@ -93,7 +95,7 @@ COMMANDS = {
     "Plant and paper": {
         "plant": ("plant:app", "Describe or plot the plant of a parameter file."),
         "reproduce": (
-            "reproduce:reproduce",
+            "amb_paper.reproduce:reproduce",
             "Reproduce every figure and claim of the paper on the simulator; finished studies are not run again.",
         ),
     },
@@ -121,7 +123,21 @@ COMMANDS = {
     },
 }
 """By purpose: where each command is, as `module:function` or, for a group of commands, `module:app`; and its first line
-of help."""
+of help. A module with a dot in its name is one of another package, which may be missing."""
+
+
+@contextmanager
+def _package_of(module: str, command: str | None) -> Iterator[None]:
+    """Import a command; MissingExtraError if the package with its module is not there."""
+    package = module.partition(".")[0]
+    try:
+        yield
+    except ModuleNotFoundError as problem:
+        if problem.name != package:
+            raise
+        raise MissingExtraError(
+            f"'amb {command}' belongs to the package '{package}', which is not found; build it (make setup)"
+        ) from None
 
 
 class LateCommand(TyperCommand):
@@ -134,8 +150,9 @@ class LateCommand(TyperCommand):
     def load(self) -> Any:
         """The command itself."""
         module, name = self._place.split(":")
-        with leaving_at_once():
-            found = getattr(importlib.import_module(f"amb_bringup.commands.{module}"), name)
+        full = module if "." in module else f"amb_bringup.commands.{module}"
+        with leaving_at_once(), _package_of(full, self.name):
+            found = getattr(importlib.import_module(full), name)
             from amb_bringup.commands.options import with_changes
             from amb_bringup.commands.overwrite import with_overwrite
         if isinstance(found, typer.Typer):

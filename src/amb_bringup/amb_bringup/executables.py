@@ -7,4 +7,4 @@ from amb_ros.startup import start
 
 def composed_loop() -> int:
     """Run the two nodes of the composed loop until SIGINT or SIGTERM."""
-    return start("amb_bringup.composed_loop")
+    return start("amb_bringup.graph.composed_loop")

@@ -13,7 +13,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from rclpy.task import Future
 
-from amb_core.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, one_line
 from amb_ros.rejections import RejectionPublisher
 
 Callback = Callable[[Any, Callable[[Any], None], Callable[[], bool]], Any]

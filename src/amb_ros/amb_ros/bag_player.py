@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.layout import layout_hash
 from amb_core.recording.storage import Definition

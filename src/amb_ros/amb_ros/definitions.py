@@ -9,7 +9,7 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 
 _SEPARATOR = "=" * 80
 

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.errors import bounded
+from amb_core.ground.errors import bounded
 from amb_ros.alarms import AlarmRecord
 from amb_ros.namesakes import Namesakes
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import excitation_from_definition
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.excitation.playback import checksum_of, same_samples
 from amb_core.excitation.signal import steps_of
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from amb_core.errors import MachineError, one_line
+from amb_core.ground.errors import MachineError, one_line
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.recording.messages.machine import machine_from_message
 from amb_msgs.msg import Machine

@@ -19,7 +19,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from amb_core.errors import AmbError, bounded, one_line
+from amb_core.ground.errors import AmbError, bounded, one_line
 from amb_ros.deferred_answers import answer_by
 
 ACTIVATE, DEACTIVATE, SHUTDOWN = "activate", "deactivate", "shutdown"

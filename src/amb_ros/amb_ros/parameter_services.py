@@ -17,8 +17,8 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from amb_core.errors import ParameterError, one_line
-from amb_core.parameters import Declaration
+from amb_core.ground.errors import ParameterError, one_line
+from amb_core.ground.parameters import Declaration
 from amb_core.recording.messages.parameters import parameters_from_messages
 
 

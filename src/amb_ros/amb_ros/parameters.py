@@ -10,9 +10,16 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from amb_core.errors import ParameterError
-from amb_core.files.parameter_files import of_rclpy
-from amb_core.parameters import Declaration, Parameters, flatten, own_declarations, refuse_those_of_machine, validate
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.files.parameter_files import of_rclpy
+from amb_core.ground.parameters import (
+    Declaration,
+    Parameters,
+    flatten,
+    own_declarations,
+    refuse_those_of_machine,
+    validate,
+)
 from amb_ros.parameter_services import guard_parameter_services
 
 P = TypeVar("P", bound=Parameters)

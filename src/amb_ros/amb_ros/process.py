@@ -20,7 +20,7 @@ from rclpy.task import Future
 from rclpy.utilities import get_default_context
 from threadpoolctl import threadpool_limits
 
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 from amb_ros import middleware, shared_memory
 from amb_ros.leaving import leave_graph
 

@@ -10,8 +10,8 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.client import Client
 from rclpy.node import Node, NodeNameNonExistentError
 
-from amb_core.errors import ParameterError
-from amb_core.parameters import Parameters, part_of
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import Parameters, part_of
 from amb_core.recording.messages.parameters import ParameterValue, parameters_from_messages
 from amb_ros.requests import POLL_PERIOD, ask
 

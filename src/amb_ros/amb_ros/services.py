@@ -10,7 +10,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.service import Service
 
-from amb_core.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, one_line
 from amb_ros.deferred_answers import Arrival, answer_by
 
 

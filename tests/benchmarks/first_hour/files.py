@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from typer.testing import CliRunner
 
-from amb_core.errors import AmbError
+from amb_core.ground.errors import AmbError
 from amb_core.identification import StateSpaceModel
 
 FOLDER = Path(__file__).parents[2] / "data" / "own_data"

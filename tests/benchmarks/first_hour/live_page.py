@@ -14,7 +14,7 @@ import psutil
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant
-from amb_core.simulation import simulate
+from amb_core.plant.simulation import simulate
 from tests.benchmarks.skipped import Skipped
 from tests.graph.bearing import Bearing
 from tests.graph.conftest import Graph, opened_graph
@@ -90,7 +90,7 @@ def _is_bit_identical(graph: Graph, browser: Any, steps: int) -> bool:
     expected = simulate(
         Plant(), PdController(ControllerParameters()), steps, generate(SQUARE, 10_000.0).samples, FIRST_STEP
     )
-    for module in ("amb_bringup.composed_loop", "amb_controller_node.excitation_generator"):
+    for module in ("amb_bringup.graph.composed_loop", "amb_controller_node.excitation_generator"):
         graph.start(module)
     bearing = Bearing(graph)
     visit = Visit(browser, LivePage(graph).address, **SCREEN)

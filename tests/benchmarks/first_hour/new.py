@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import PlantError
+from amb_core.designs.tuning import HIGHEST_PEAK, Bearing, design_bearing, plant_of
+from amb_core.ground.errors import PlantError
 from amb_core.plant.closed_forms import current_gain
-from amb_core.tuning import HIGHEST_PEAK, Bearing, design_bearing, plant_of
 
 SEED = 20_261
 BEARINGS = 100

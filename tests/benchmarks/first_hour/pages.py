@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.figures.chart import Chart
-from amb_core.figures.drawing import Axis, Curve, Panel
-from amb_core.figures.style import BLUE, Stroke
+from amb_core.report.figures.chart import Chart
+from amb_core.report.figures.drawing import Axis, Curve, Panel
+from amb_core.report.figures.style import BLUE, Stroke
 from tests.benchmarks.skipped import Skipped
 from tests.front_door.results import results_file
 from tests.graph.live_page import CHROMIUM, Visit, open_browser

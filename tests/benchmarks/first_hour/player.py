@@ -13,13 +13,13 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from amb_bringup.demo_run import controller_of, plant_of, samples_of
+from amb_bringup.demos.demo_run import controller_of, plant_of, samples_of
 from amb_core.excitation import Multisine
 from amb_core.loop.control import PdController
 from amb_core.loop.records import LoopRecord
+from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.recording.messages.machine import fill_machine
-from amb_core.simulation import simulate
 from amb_msgs.msg import AxisSamples, LoopSamples, Machine, MachineAxis, MachineBearing
 from amb_ros import middleware
 from amb_ros.diagnostics import OK, DiagnosticsReporter

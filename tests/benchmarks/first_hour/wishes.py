@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import AmbError
-from amb_core.parameters import Declaration, declarations, validate
-from amb_core.tuning import Bearing, design_bearing
+from amb_core.designs.tuning import Bearing, design_bearing
+from amb_core.ground.errors import AmbError
+from amb_core.ground.parameters import Declaration, declarations, validate
 
 SEED = 4
 WISHES = 300

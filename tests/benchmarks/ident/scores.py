@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel, nrmse_fit
 from tests.benchmarks.ident.cases import CASES, Case, validation
 from tests.benchmarks.ident.linear_loop import SAMPLE_TIME, model_of

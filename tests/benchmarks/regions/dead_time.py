@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.checks.dead_time import dead_times
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.data.checks.dead_time import dead_times
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import PlantError
+from amb_core.designs.excitation import Limits, TrialBench, design_excitation
+from amb_core.designs.excitation.certificate import Bench
 from amb_core.excitation import excitation_from_request, generate
-from amb_core.excitation_design import Limits, TrialBench, design_excitation
-from amb_core.excitation_design.certificate import Bench
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
 from amb_core.plant.linearise import linearize

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import identify
 from tests.benchmarks.regions.drift_cases import DRIFTS, EXCITATIONS, STEPS, Case, bearing, record, response_of
 from tests.benchmarks.regions.spread import spread

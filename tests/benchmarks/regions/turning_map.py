@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import MapSettings

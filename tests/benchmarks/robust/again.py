@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from amb_core.data.experiments import write_data
 from amb_core.identification import IdentificationData, identify
-from amb_core.identification.data import write_data
-from amb_core.report.again import certify_again
-from amb_core.report.certificate import write_certificate
-from amb_core.report.certification import Request, certify_request
+from amb_core.report.pages.again import certify_again
+from amb_core.report.pages.certificate import write_certificate
+from amb_core.report.pages.certification import Request, certify_request
 from amb_core.robustness import RobustnessSettings
 from amb_core.robustness.trace import CertificateHeader
 from tests.benchmarks.robust.hidden_modes import STEP, rotor

@@ -12,9 +12,9 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from amb_bringup.experiment import Experiment
-from amb_bringup.experiment_session import GraphChoice, run_session
-from amb_core.analysis import RecordedLoop, read
+from amb_bringup.client.experiment import Experiment
+from amb_bringup.experiments.experiment_session import GraphChoice, run_session
+from amb_core.data.analysis import RecordedLoop, read
 from amb_core.excitation import Excitation, excitation_from_request
 from amb_core.identification import identify
 from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity

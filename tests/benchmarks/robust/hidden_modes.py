@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import cont2discrete
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.excitation import Sweep, generate
-from amb_core.identification.data import IdentificationData
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.robustness import Feedback, MeasuredSensitivity, SweepSettings, measured_sensitivity

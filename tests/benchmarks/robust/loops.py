@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import feedback_of
 
 SAMPLE_TIME = 1e-4  # s

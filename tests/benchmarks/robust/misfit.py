@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.errors import AmbError
 from amb_core.excitation import excitation_from_request, generate
+from amb_core.ground.errors import AmbError
 from amb_core.identification import IdentificationData, identify
 from amb_core.identification.validation import validate
 from amb_core.linear.peak import peak_gain
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.simulation import simulate
 from amb_core.robustness import Certificate, Recorded, RobustnessSettings, certify_from_data
 from amb_core.robustness.feedback import Feedback, law_from_positions
-from amb_core.simulation import simulate
 from tests.benchmarks.robust.misfit_plants import HONEST, KINDS, RATE, MisfitPlant, draw
 from tests.benchmarks.robust.misfit_simulated import SIMULATED, SimulatedPlant, draw_simulated
 from tests.benchmarks.robust.records import Size, records

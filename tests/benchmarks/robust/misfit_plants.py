@@ -14,9 +14,9 @@ from scipy.linalg import block_diag
 from scipy.signal import cont2discrete, lfilter
 
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord, axis_names
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import RobustnessSettings, assess
 from amb_core.robustness.feedback import Feedback, law_from_positions
 from tests.benchmarks.robust.misfit_simulated import SIMULATED

@@ -17,10 +17,10 @@ from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant.simulation import simulate
+from amb_core.plant.simulation.parameters import with_values
 from amb_core.regions import Region, classify
 from amb_core.robustness import measured_sensitivity
-from amb_core.simulation import simulate
-from amb_core.simulation.parameters import with_values
 
 HYSTERESIS, REGION_C = "hysteresis", "region C"
 SIMULATED = (HYSTERESIS, REGION_C)

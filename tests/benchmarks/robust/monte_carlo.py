@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
-from amb_core.model import StateSpaceModel
+from amb_core.linear.model import StateSpaceModel
 from amb_core.robustness import Feedback, RobustnessSettings, feedback_of, peak_gain
 from amb_core.robustness.ellipsoid import PlantSet, gap_objective
 from amb_core.robustness.worst_cases import WorstCases

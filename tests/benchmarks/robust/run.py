@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification import IdentificationData, estimate_uncertainty
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.model import StateSpaceModel
 from amb_core.robustness import Block, Feedback, RobustnessSettings, assess, feedback_of, mu_peak, peak_gain
 from amb_core.robustness.assessment import assess_loop
 from amb_core.robustness.margins import disk_margin_of_axis

@@ -8,9 +8,9 @@ from amb_core.excitation import excitation_from_request, generate
 from amb_core.identification import IdentificationData, identify
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters, linearize
+from amb_core.plant.simulation import simulate
+from amb_core.plant.simulation.parameters import with_values
 from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
-from amb_core.simulation import simulate
-from amb_core.simulation.parameters import with_values
 from tests.benchmarks.robust.records import Size
 
 RATE = 10_000.0  # Hz

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments import Finding, IdentificationData, Severity
+from amb_core.data.experiments.checks import check_finite, check_recording
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.data import Finding, IdentificationData, Severity
-from amb_core.identification.data.checks import check_finite, check_recording
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete
 
+from amb_core.ground.units import UM
 from amb_core.identification import IdentificationData, StateSpaceModel
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.validation import predict
 from amb_core.loop.control import ControllerParameters
-from amb_core.units import UM
 from tests.benchmarks.ident.linear_loop import SAMPLE_TIME, LinearLoop, model_of
 
 Arrays = NDArray[np.float64]

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from amb_core.data.experiments import Finding, IdentificationData, Severity
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.data import Finding, IdentificationData, Severity
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linear

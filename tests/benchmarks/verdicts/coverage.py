@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import Identification, IdentificationData, identify
 from amb_core.identification.frequency_response import response_of
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 from tests.benchmarks.ident.linear_loop import SAMPLE_TIME
 from tests.benchmarks.verdicts.alone import start_alone
 from tests.benchmarks.verdicts.bearings import Bearing, draw_bearing, excitation

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from amb_core.distortion import simulate_distortion
-from amb_core.errors import ExcitationError, SpectrumError
-from amb_core.excitation_design import Limits, TrialBench, design_excitation, use_of_trial
-from amb_core.excitation_design.multisine_distortion import distortion_settings
+from amb_core.designs.excitation import Limits, TrialBench, design_excitation, use_of_trial
+from amb_core.designs.excitation.multisine_distortion import distortion_settings
+from amb_core.ground.errors import ExcitationError, SpectrumError
+from amb_core.regions.distortion import simulate_distortion
 from tests.benchmarks.regions.design import SEED, TOLERANCE, Case, draw
 from tests.benchmarks.verdicts.alone import start_alone
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import identify, validate
 from amb_core.identification.validation import Verdict
 from tests.benchmarks.verdicts.bearings import WRONG, draw_bearing, draw_data, oracle, wrong_model

@@ -16,7 +16,7 @@ from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.terminal import Terminal
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 
 if TYPE_CHECKING:
     from amb_core.recording import Recording, TopicInfo
@@ -66,7 +66,7 @@ def play(
 
     Do not play a bag into a graph with a simulator: both would publish on the same topics.
     """
-    from amb_bringup.connection import GraphConnection
+    from amb_bringup.client.connection import GraphConnection
     from amb_ros.bag_player import BagPlayer
 
     with GraphConnection("", 10.0, None, ()) as connection:

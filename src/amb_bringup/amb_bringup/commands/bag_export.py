@@ -14,10 +14,10 @@ from amb_bringup.commands.options import QUANTITY, Quantity
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_place, new_file
 from amb_bringup.commands.terminal import Terminal
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 
 if TYPE_CHECKING:
-    from amb_core.export import RunTelemetry
+    from amb_core.recording.export import RunTelemetry
 
 TABLES = {"csv": ".csv", "mat": ".mat", "parquet": ".parquet"}
 LAYOUTS = {"plotjuggler": ".xml", "foxglove": ".json"}
@@ -65,8 +65,8 @@ def export(
     Times are those of the run, from 0. Missing samples stay missing. The bag is not changed.
     """
     chosen = {"csv": csv, "mat": mat, "parquet": parquet, "plotjuggler": plotjuggler, "foxglove": foxglove}
-    from amb_core.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
-    from amb_core.export.layouts import foxglove_layout, plotjuggler_layout
+    from amb_core.recording.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
+    from amb_core.recording.export.layouts import foxglove_layout, plotjuggler_layout
 
     tools = {
         "plotjuggler": (write_plotjuggler, plotjuggler_layout),

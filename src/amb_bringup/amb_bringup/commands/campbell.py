@@ -17,10 +17,10 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import INTERRUPTED
-from amb_core.errors import ParameterError
-from amb_core.figures.campbell import campbell_chart
-from amb_core.parameters import validate
-from amb_core.running_speeds import IdentifiedCampbell, SpeedSettings, identify_over_speeds
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import validate
+from amb_core.report.figures.campbell import campbell_chart
+from amb_core.rig.running_speeds import IdentifiedCampbell, SpeedSettings, identify_over_speeds
 
 RPM = 60.0
 COLUMNS = (

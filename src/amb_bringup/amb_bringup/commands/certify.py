@@ -16,12 +16,12 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
 from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.exit_codes import NOT_CERTIFIED, NOT_THE_SAME
-from amb_core.errors import RobustnessError
-from amb_core.parameters import part_of
-from amb_core.report.again import certify_again
-from amb_core.report.certificate import write_certificate
-from amb_core.report.certification import Request, certify_request, require_request
-from amb_core.report.pdf import find_browser, write_pdf
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.parameters import part_of
+from amb_core.report.pages.again import certify_again
+from amb_core.report.pages.certificate import write_certificate
+from amb_core.report.pages.certification import Request, certify_request, require_request
+from amb_core.report.pages.pdf import find_browser, write_pdf
 from amb_core.robustness import RobustnessSettings, SweepSettings
 from amb_core.robustness.trace import CertificateHeader
 
@@ -134,8 +134,8 @@ def _measure(console: Console, sweep: SweepSettings, bag: Path) -> Path:
     """A swept sine with dwells on the graph that runs; the bag of it."""
     # They load ROS, which other certificates do not need.
     from amb_bringup.client import AmbClient
-    from amb_bringup.experiment import APPEARANCE, running_stand
-    from amb_bringup.swept_sensitivity import measure_swept
+    from amb_bringup.client.experiment import APPEARANCE, running_stand
+    from amb_bringup.client.swept_sensitivity import measure_swept
 
     if bag.exists():
         raise ResultError(f"bag {bag}: exists already; give another folder with --out, or remove it")

@@ -18,20 +18,20 @@ from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.commissioning import Session
-from amb_bringup.launcher import Graph, launch_file, own_domain
-from amb_bringup.node_parameters import check_parameter_file
+from amb_bringup.experiments.commissioning import Session
+from amb_bringup.graph.launcher import Graph, launch_file, own_domain
+from amb_bringup.graph.node_parameters import check_parameter_file
 from amb_core import __version__
-from amb_core.commissioning import CommissioningSettings, Expected, Step, expected_of
-from amb_core.figures.saving import write_image
-from amb_core.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
+from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
+from amb_core.ground.parameters import part_of, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import part_of, validate
 from amb_core.recording import Recording
 from amb_core.regions.region_map import RegionMap
-from amb_core.report import write_report
-from amb_core.report.commissioning import protocol_report
-from amb_core.report.recording import recording_report
+from amb_core.report.figures.saving import write_image
+from amb_core.report.pages import write_report
+from amb_core.report.pages.commissioning import protocol_report
+from amb_core.report.pages.recording import recording_report
+from amb_core.rig.commissioning import CommissioningSettings, Expected, Step, expected_of
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.gains import gains_in
 from amb_sim_node.machine_files import machine_parameters

@@ -25,13 +25,13 @@ from amb_bringup.commands.validate import (
     load_recorded,
 )
 from amb_bringup.exit_codes import NOT_VALIDATED
-from amb_core.analysis import RecordedLoop
-from amb_core.errors import IdentificationError
-from amb_core.figures import save_validation_figures
-from amb_core.figures.entries import entries_from
+from amb_core.data.analysis import RecordedLoop
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification import Comparison, StateSpaceModel, Validation
 from amb_core.identification import compare as compare_models
 from amb_core.identification.validation import Verdict
+from amb_core.report.figures import save_validation_figures
+from amb_core.report.figures.entries import entries_from
 
 
 @data_options

@@ -15,11 +15,11 @@ from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder
 from amb_bringup.commands.terminal import Terminal
-from amb_core.parameters import load_parameters
+from amb_core.ground.parameters import load_parameters
 
 if TYPE_CHECKING:
-    from amb_bringup.demo import DemoSummary
-    from amb_bringup.machine_demo import MachineDemoSummary
+    from amb_bringup.demos.demo import DemoSummary
+    from amb_bringup.demos.machine_demo import MachineDemoSummary
 
 
 def demo(
@@ -33,10 +33,10 @@ def demo(
 
     Results of an earlier demo in the folder are replaced. The graph runs in its own DDS domain, or in ROS_DOMAIN_ID.
     """
-    from amb_bringup.demo import run_demo
-    from amb_bringup.launcher import own_domain
-    from amb_bringup.machine_demo import run_machine_demo
-    from amb_bringup.node_parameters import check_parameter_file
+    from amb_bringup.demos.demo import run_demo
+    from amb_bringup.demos.machine_demo import run_machine_demo
+    from amb_bringup.graph.launcher import own_domain
+    from amb_bringup.graph.node_parameters import check_parameter_file
     from amb_core.plant.machine import machine_of
     from amb_sim_node.parameters import SimulatorParameters
 

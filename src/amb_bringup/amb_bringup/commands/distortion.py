@@ -16,14 +16,14 @@ from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import FirstStepOption, RunOption, StepsOption
-from amb_core.analysis import evidence_of_run
-from amb_core.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
-from amb_core.errors import SpectrumError
-from amb_core.figures.coherence import coherence_chart
-from amb_core.figures.distortion import distortion_chart
+from amb_core.data.analysis import evidence_of_run
+from amb_core.ground.errors import SpectrumError
+from amb_core.ground.parameters import part_of
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
+from amb_core.regions.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
+from amb_core.report.figures.coherence import coherence_chart
+from amb_core.report.figures.distortion import distortion_chart
 
 
 @data_options

@@ -16,9 +16,7 @@ from amb_bringup.commands.options import declared_options, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_core.errors import RegionError
-from amb_core.excitation import KINDS, excitation_from_request, generate
-from amb_core.excitation_design import (
+from amb_core.designs.excitation import (
     AxisMeasure,
     DesignedExcitation,
     ExcitationCheck,
@@ -29,15 +27,17 @@ from amb_core.excitation_design import (
     design_excitation,
     use_of_trial,
 )
-from amb_core.excitation_design.notes import made_with
-from amb_core.excitation_design.summary import check_summary, design_summary, trial_summary
-from amb_core.figures import overlay_chart
+from amb_core.designs.excitation.notes import made_with
+from amb_core.designs.excitation.summary import check_summary, design_summary, trial_summary
+from amb_core.excitation import KINDS, excitation_from_request, generate
+from amb_core.ground.errors import RegionError
+from amb_core.ground.parameters import part_of
+from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
-from amb_core.units import UM
+from amb_core.report.figures import overlay_chart
 
 Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 

@@ -9,22 +9,22 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
+from amb_bringup.client.experiment import Experiment, ExperimentRun
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.experiment import Experiment, ExperimentRun
-from amb_bringup.experiment_list import read_experiments
-from amb_bringup.experiment_session import GraphChoice, run_session
-from amb_bringup.node_parameters import check_parameter_file
-from amb_core.commissioning import order_for
-from amb_core.errors import ExcitationError
+from amb_bringup.experiments.experiment_list import read_experiments
+from amb_bringup.experiments.experiment_session import GraphChoice, run_session
+from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_core.designs.excitation import designed_excitation
 from amb_core.excitation import KINDS, excitation_from_request
-from amb_core.excitation_design import designed_excitation
+from amb_core.ground.errors import ExcitationError
 from amb_core.recording import Recording
-from amb_core.report import write_report
-from amb_core.report.recording import recording_report
+from amb_core.report.pages import write_report
+from amb_core.report.pages.recording import recording_report
+from amb_core.rig.commissioning import order_for
 
 DURATION = {"duration": 4.0}  # s
 

@@ -23,7 +23,7 @@ def foxglove(
 
     Viewers can look, and give no orders.
     """
-    from amb_bringup.foxglove_bridge import FoxgloveBridge  # takes seconds to import
+    from amb_bringup.view.foxglove_bridge import FoxgloveBridge  # takes seconds to import
     from amb_bringup.view.guard import is_loopback
     from amb_ros import middleware
 

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from amb_bringup.commands.options import ParamsOption
-from amb_core.errors import ParameterError
-from amb_core.files.parameter_files import CONTROLLERS, nodes_with
-from amb_core.plain_text import plain_text
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.files.parameter_files import CONTROLLERS, nodes_with
+from amb_core.ground.plain_text import plain_text
 from amb_ros import network as network_of_graph
 
 if TYPE_CHECKING:
-    from amb_bringup.launcher import Graph
-    from amb_bringup.readiness import Readiness
+    from amb_bringup.graph.launcher import Graph
+    from amb_bringup.graph.readiness import Readiness
 
 NetworkOption = Annotated[
     bool,
@@ -100,13 +100,13 @@ def keep_running(
 
 def shown_graph(name: str, arguments: dict[str, str], params: Path | None) -> Graph:
     """The graph of a launch file with its output on the terminal, after a check that its nodes take the parameters."""
-    from amb_bringup.launcher import Graph, launch_file
+    from amb_bringup.graph.launcher import Graph, launch_file
 
     def show(node: str, text: str) -> None:
         typer.echo(f"{typer.style(f'[{node}]', fg='cyan')} {plain_text(text)}")
 
     if params is not None:
-        from amb_bringup.node_parameters import check_parameter_file
+        from amb_bringup.graph.node_parameters import check_parameter_file
 
         check_parameter_file(params)  # one line here; six from the nodes, and a traceback from rcl
         arguments = {**arguments, "params": str(params.absolute())}
@@ -150,13 +150,13 @@ def _watch(graph: Graph, reported: dict[str, int], keep_going: bool, make_readin
 
 
 def _readiness(controller: str) -> Readiness:
-    from amb_bringup.readiness import LoopReadiness  # takes seconds to import while the nodes start
+    from amb_bringup.graph.readiness import LoopReadiness  # takes seconds to import while the nodes start
 
     return LoopReadiness(controller)
 
 
 def _report_end(name: str, code: int, when: str = "") -> None:
-    from amb_bringup.launcher import describe_end
+    from amb_bringup.graph.launcher import describe_end
 
     typer.secho(f"amb: {describe_end(name, code)}{when}", fg="red", err=True)
 
@@ -169,7 +169,7 @@ def run(
     """Run one executable of a package, as `ros2 run` does; further arguments are passed on (--ros-args ...)."""
     import os
 
-    from amb_bringup.packages import find_executable
+    from amb_bringup.graph.packages import find_executable
 
     path = str(find_executable(package, executable))
     os.execv(path, [path, *context.args])

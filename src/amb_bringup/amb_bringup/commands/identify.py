@@ -17,18 +17,19 @@ from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place, names_file, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.commands.validate import load_recorded
-from amb_core import figures, identification
-from amb_core.analysis import RecordedLoop
-from amb_core.errors import IdentificationError
-from amb_core.figures.entries import Entry, entries_from
+from amb_core import identification
+from amb_core.data.analysis import RecordedLoop
+from amb_core.data.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
+from amb_core.data.experiments import merge
+from amb_core.data.experiments.drift import DriftOption
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.results import plain
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
-from amb_core.identification.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
-from amb_core.identification.data import merge
-from amb_core.identification.data.drift import DriftOption
 from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
 from amb_core.loop.known_controller import KnownController
-from amb_core.results import plain
+from amb_core.report import figures
+from amb_core.report.figures.entries import Entry, entries_from
 
 UNITS = 1e6
 """Micrometres in a metre."""

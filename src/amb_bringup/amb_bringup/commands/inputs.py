@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import yaml
 
-from amb_bringup.packages import share_folder
-from amb_core.errors import IdentificationError
-from amb_core.parameters import Parameters, load_parameters
+from amb_bringup.graph.packages import share_folder
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.parameters import Parameters, load_parameters
 
 if TYPE_CHECKING:
     from amb_core.loop.control import ControllerParameters

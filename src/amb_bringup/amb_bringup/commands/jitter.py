@@ -19,12 +19,12 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from amb_bringup.client.connection import ClientError, GraphConnection
 from amb_bringup.commands.interrupt import Interrupt
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.connection import ClientError, GraphConnection
-from amb_core.figures.lateness import lateness_chart
 from amb_core.loop.pace import HISTOGRAM, MISSED, PACED, QUANTILES, histogram
+from amb_core.report.figures.lateness import lateness_chart
 from amb_ros import topics
 from amb_ros.diagnostics import INSTANCE, TOPIC
 

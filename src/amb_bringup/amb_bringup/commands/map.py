@@ -18,10 +18,9 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import INTERRUPTED
-from amb_core.errors import AmbError, ParameterError, RegionError
-from amb_core.figures import map_chart, map_grid_chart
+from amb_core.ground.errors import AmbError, ParameterError, RegionError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import validate
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import (
@@ -39,6 +38,7 @@ from amb_core.regions.region_map import (
     confirm_map,
     sweep_rate_text,
 )
+from amb_core.report.figures import map_chart, map_grid_chart
 
 
 @declared_options({"Sweeps": [MapSettings], "Confirmation, with --confirm": [ConfirmationSettings]})

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from amb_core.ground.units import UM
 from amb_core.regions import Region
 from amb_core.regions.region_map import (
     BOUNDARIES,
@@ -22,7 +23,6 @@ from amb_core.regions.region_map import (
     sweep_rate_text,
     two_rates,
 )
-from amb_core.units import UM
 
 
 def confirmation_summary(found: RegionMap) -> dict[str, Any]:

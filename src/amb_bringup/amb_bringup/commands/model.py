@@ -10,7 +10,7 @@ import typer
 
 from amb_bringup.commands.results import make_folder, make_place, new_file
 from amb_bringup.commands.terminal import Terminal
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 
 if TYPE_CHECKING:
     from amb_core.identification import StateSpaceModel
@@ -55,8 +55,8 @@ def export(
 
 
 def _write_file(model: StateSpaceModel, form: str, path: Path, overwrite: bool) -> Path:
-    from amb_core.export.fmu import write_fmu
-    from amb_core.export.model_texts import julia_text, python_text
+    from amb_core.recording.export.fmu import write_fmu
+    from amb_core.recording.export.model_texts import julia_text, python_text
 
     make_place(path, (ENDINGS[form],))
     with new_file(path, overwrite) as part:
@@ -70,7 +70,7 @@ def _write_file(model: StateSpaceModel, form: str, path: Path, overwrite: bool) 
 
 
 def _write_c(model: StateSpaceModel, label: str, folder: Path, overwrite: bool) -> list[Path]:
-    from amb_core.export.model_texts import c_texts, identifier
+    from amb_core.recording.export.model_texts import c_texts, identifier
 
     texts = c_texts(model, identifier(label))
     make_folder(folder)

@@ -15,11 +15,11 @@ from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import ResultError, make_place
 from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.commands.tune import gains_table
-from amb_bringup.node_parameters import check_parameter_file
-from amb_core.errors import ParameterError
-from amb_core.parameters import Declaration, declarations, validate
-from amb_core.tuning import Bearing, BearingDesign, design_bearing, parameter_file_of
-from amb_core.units import PURE, quantity_of
+from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_core.designs.tuning import Bearing, BearingDesign, design_bearing, parameter_file_of
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import Declaration, declarations, validate
+from amb_core.ground.units import PURE, quantity_of
 
 REQUIRED = tuple(name for name, field in Bearing.model_fields.items() if field.is_required())
 ASKED = (*REQUIRED, "sample_rate", "journal_diameter", "length")

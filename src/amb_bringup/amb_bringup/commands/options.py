@@ -11,9 +11,9 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from amb_bringup.commands.inputs import parameter_file
-from amb_core.errors import ParameterError
-from amb_core.parameters import Declaration, Parameters, declarations
-from amb_core.units import quantity_of
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import Declaration, Parameters, declarations
+from amb_core.ground.units import quantity_of
 
 ParamsOption = Annotated[Path | None, typer.Option(help="Parameter file of all nodes, instead of config/paper.yaml.")]
 
@@ -71,7 +71,7 @@ def with_changes(command: Command) -> Command:
         if not changes:
             command(**values)
             return
-        from amb_bringup.parameter_changes import changed_file  # imports all nodes
+        from amb_bringup.graph.parameter_changes import changed_file  # imports all nodes
 
         if params is None and without:
             raise ParameterError(f"--set needs --params FILE here; without it there is {without}")

@@ -15,7 +15,7 @@ import typer
 
 from amb_bringup.commands.options import Command
 from amb_bringup.commands.results import ResultError
-from amb_core.files.regular_files import is_folder, shown
+from amb_core.ground.files.regular_files import is_folder, shown
 
 PLACES = ("out", "results", "figures", "save_description")
 """Options that name what a command writes."""

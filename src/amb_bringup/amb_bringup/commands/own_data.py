@@ -15,13 +15,13 @@ from rich.table import Table
 
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import working
-from amb_core.analysis import read, read_recording
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import DataDescription, DescribedData, RecordedLoop
-from amb_core.identification.data.description import LISTS
-from amb_core.identification.data.proposal import UndescribedError
+from amb_core.data.analysis import read, read_recording
+from amb_core.data.experiments import DataDescription, DescribedData, RecordedLoop
+from amb_core.data.experiments.description import LISTS
+from amb_core.data.experiments.proposal import UndescribedError
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.units import UM
 from amb_core.recording import Recording
-from amb_core.units import UM
 
 PANEL = "Data of a file"
 _SHOWN = {"m": ("um", UM), "A": ("A", 1.0)}  # units of the preview
@@ -57,7 +57,7 @@ class DataOptions:
         Raises
         ------
         BagError, IdentificationError, ParameterError
-            As for `amb_core.analysis.read`.
+            As for `amb_core.data.analysis.read`.
         """
         with working(console, f"reading {path}"), self._proposing():
             loop = read(path, self.description, **chosen, **self.values)
@@ -102,7 +102,7 @@ class DataOptions:
 
 
 def read_shown(console: Console) -> Callable[[Path, DataDescription], RecordedLoop]:
-    """`amb_core.analysis.read` that shows damage, and what was understood of a file of others."""
+    """`amb_core.data.analysis.read` that shows damage, and what was understood of a file of others."""
 
     def shown(path: Path, known: DataDescription) -> RecordedLoop:
         with working(console, f"reading {path}"):

@@ -16,8 +16,8 @@ from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import make_folder
 from amb_bringup.commands.terminal import Terminal, say
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import PlantError
-from amb_core.parameters import SourcedValue, load_parameters, shown_value
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import SourcedValue, load_parameters, shown_value
 from amb_core.plant import PlantDescription
 from amb_core.plant import describe as describe_plant
 from amb_core.plant import figures as plant_figures

@@ -15,11 +15,11 @@ from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_core.figures.campbell import campbell_chart
-from amb_core.model.modes import Modes, modes_of
+from amb_core.linear.model.modes import Modes, modes_of
 from amb_core.plant import Plant, linearize, uniform_shaft
 from amb_core.plant.campbell import Campbell
 from amb_core.plant.campbell import campbell as compute_campbell
+from amb_core.report.figures.campbell import campbell_chart
 
 RPM = 60.0
 

@@ -13,15 +13,15 @@ from amb_bringup.commands.options import ParamsOption
 from amb_bringup.commands.results import ResultError, make_place
 from amb_bringup.commands.terminal import say
 from amb_controller_node.parameters import PdControllerParameters
-from amb_core.errors import PlantError
-from amb_core.files.parameter_files import PARAMETERS, ParameterFile, full_name
+from amb_core.designs.tuning.pd_gains import choose_gains
+from amb_core.ground.errors import PlantError
+from amb_core.ground.files.parameter_files import PARAMETERS, ParameterFile, full_name
+from amb_core.ground.parameters import load_parameters, nest, part_of, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import load_parameters, nest, part_of, validate
 from amb_core.plant import Plant, modal_data_from_ross
 from amb_core.plant.closed_forms import current_gain
 from amb_core.plant.modal_data import ModalData
 from amb_core.plant.ross_source import ross_rotor
-from amb_core.tuning.pd_gains import choose_gains
 from amb_sim_node.parameters import SimulatorParameters
 
 CHOSEN = ("proportional_gain", "derivative_gain", "nominal_reference")

@@ -13,15 +13,15 @@ from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_core.analysis.recorded_distortion import evidence_or_reason
-from amb_core.analysis.recorded_regions import RecordedRegions, classify_run
-from amb_core.errors import ParameterError
-from amb_core.figures import sweep_chart
-from amb_core.figures.sweep import rises
+from amb_core.data.analysis.recorded_distortion import evidence_or_reason
+from amb_core.data.analysis.recorded_regions import RecordedRegions, classify_run
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.results import plain
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions import Onset, Region
 from amb_core.regions.stretches import beats, shares, stretches
-from amb_core.results import plain
+from amb_core.report.figures import sweep_chart
+from amb_core.report.figures.sweep import rises
 
 
 @data_options

@@ -13,11 +13,11 @@ from amb_bringup.commands.own_data import DataOptions, data_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, names_file
 from amb_bringup.commands.terminal import Terminal
-from amb_core.analysis import recorded_controller
-from amb_core.identification.controller_choice import NO_CONTROLLER
-from amb_core.report import write_report
-from amb_core.report.pdf import find_browser, write_pdf
-from amb_core.report.recording import recording_report
+from amb_core.data.analysis import recorded_controller
+from amb_core.data.controller_choice import NO_CONTROLLER
+from amb_core.report.pages import write_report
+from amb_core.report.pages.pdf import find_browser, write_pdf
+from amb_core.report.pages.recording import recording_report
 
 
 @data_options

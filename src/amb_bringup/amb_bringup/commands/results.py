@@ -9,10 +9,10 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
 
-from amb_core.errors import AmbError
-from amb_core.files.regular_files import is_folder, shown
-from amb_core.files.whole_files import whole_file
-from amb_core.results import VERSION, plain
+from amb_core.ground.errors import AmbError
+from amb_core.ground.files.regular_files import is_folder, shown
+from amb_core.ground.files.whole_files import whole_file
+from amb_core.ground.results import VERSION, plain
 
 
 class ResultError(AmbError):

@@ -12,11 +12,11 @@ from rich.table import Table
 from amb_bringup.commands.graph import NetworkOption, choose_network, keep_running, shown_graph
 from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_bringup.commands.terminal import Terminal
-from amb_core.files.parameter_files import RIG_NODES
+from amb_core.ground.files.parameter_files import RIG_NODES
 
 if TYPE_CHECKING:
     from amb_bringup.client import AmbClient
-    from amb_bringup.readiness import Readiness
+    from amb_bringup.graph.readiness import Readiness
 
 app = typer.Typer(no_args_is_help=True, help="Work with a rig behind a real-time target, real or emulated.")
 
@@ -108,8 +108,8 @@ def check(
     No bridge may be connected to the target. Afterwards it has the limits of its configuration, small gains and no
     upload. Exit code 0 if nothing is wrong, 3 otherwise.
     """
-    from amb_core.target.conformance import CHECKS, Exchange, check_target
-    from amb_core.target.key_file import read_key
+    from amb_core.rig.link.conformance import CHECKS, Exchange, check_target
+    from amb_core.rig.link.key_file import read_key
 
     target = Exchange(address, port, read_key(str(key_file)) if key_file is not None else b"", timeout)
     try:
@@ -136,9 +136,9 @@ def demo(
     from amb_bringup.commands.inputs import parameter_file
     from amb_bringup.commands.progress import Stages
     from amb_bringup.commands.results import make_folder
-    from amb_bringup.launcher import own_domain
-    from amb_bringup.node_parameters import check_parameter_file
-    from amb_bringup.rig_demo import run_rig_demo
+    from amb_bringup.demos.rig_demo import run_rig_demo
+    from amb_bringup.graph.launcher import own_domain
+    from amb_bringup.graph.node_parameters import check_parameter_file
 
     console = Terminal()
     path = parameter_file(params).absolute()
@@ -164,7 +164,7 @@ def demo(
 
 
 def _readiness() -> Readiness:
-    from amb_bringup.readiness import RigReadiness  # takes seconds to import while the nodes start
+    from amb_bringup.graph.readiness import RigReadiness  # takes seconds to import while the nodes start
 
     return RigReadiness()
 
@@ -176,7 +176,7 @@ def _client() -> AmbClient:
 
 
 def _show(amb: AmbClient) -> None:
-    from amb_bringup.rig import MODES
+    from amb_bringup.client.rig import MODES
 
     state = amb.rig.wait_for_state()
     table = Table("quantity", "value")

@@ -14,7 +14,7 @@ from amb_bringup.commands.progress import working
 from amb_bringup.commands.terminal import Terminal, say
 
 if TYPE_CHECKING:
-    from amb_core.project import ProjectStatus
+    from amb_core.report.project import ProjectStatus
 
 COLOURS = {"current": "green", "stale": "yellow", "unknown": "yellow"}
 
@@ -29,8 +29,8 @@ def status(
     stale if the bearing's file states another value of a parameter now; everything else if what it was made from is
     stale or has changed. Nothing is written. Example: amb status ~/my_bearing
     """
-    from amb_core.project import status_of
-    from amb_core.results import VERSION
+    from amb_core.ground.results import VERSION
+    from amb_core.report.project import status_of
 
     console = Terminal(stderr=True)
     with working(console, "reading"):

@@ -17,14 +17,14 @@ from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_core.errors import ParameterError, SpectrumError
-from amb_core.figures import spectrum_chart, surface_chart
+from amb_core.ground.errors import ParameterError, SpectrumError
+from amb_core.ground.parameters import part_of
+from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import part_of
 from amb_core.plant import PlantParameters
+from amb_core.plant.simulation.parameters import with_values
 from amb_core.recording import Recording
-from amb_core.simulation.parameters import with_values
-from amb_core.subharmonics import (
+from amb_core.regions.subharmonics import (
     VARIANTS,
     Line,
     SubharmonicSettings,
@@ -35,9 +35,9 @@ from amb_core.subharmonics import (
     run_subharmonics,
     subharmonic_surface,
 )
-from amb_core.subharmonics.run import check
-from amb_core.subharmonics.summary import spectrum_summary, surface_summary
-from amb_core.units import UM
+from amb_core.regions.subharmonics.run import check
+from amb_core.regions.subharmonics.summary import spectrum_summary, surface_summary
+from amb_core.report.figures import spectrum_chart, surface_chart
 
 SHOWN = 12  # lines in a table
 DIFFERENCE = (-1, 1, 0)  # f2 - f1

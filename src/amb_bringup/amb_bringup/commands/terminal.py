@@ -9,7 +9,7 @@ import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from amb_core.plain_text import plain_text
+from amb_core.ground.plain_text import plain_text
 
 
 class Terminal(Console):

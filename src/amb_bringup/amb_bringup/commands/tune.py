@@ -13,11 +13,11 @@ from amb_bringup.commands.inputs import load_loop
 from amb_bringup.commands.progress import Stages, working
 from amb_bringup.commands.results import make_folder, make_place
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.parameter_changes import changed_file
-from amb_core.errors import PlantError
-from amb_core.figures import stability_figure
-from amb_core.tuning import HIGHEST_PEAK, Tuned, reason, tune
-from amb_core.tuning.stability_chart import POINTS, stability_chart
+from amb_bringup.graph.parameter_changes import changed_file
+from amb_core.designs.tuning import HIGHEST_PEAK, Tuned, reason, tune
+from amb_core.designs.tuning.stability_chart import POINTS, stability_chart
+from amb_core.ground.errors import PlantError
+from amb_core.report.figures import stability_figure
 
 app = typer.Typer(help="Suggest PD gains, or draw which are stable.", no_args_is_help=True)
 

@@ -14,12 +14,12 @@ from amb_bringup.commands.progress import working
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.exit_codes import NOT_VALIDATED
-from amb_core.analysis import RecordedLoop
-from amb_core.figures import save_validation_figures
-from amb_core.figures.entries import entries_from
+from amb_core.data.analysis import RecordedLoop
+from amb_core.data.controller_choice import NO_CONTROLLER, needs_controller
 from amb_core.identification import StateSpaceModel
-from amb_core.identification.controller_choice import NO_CONTROLLER, needs_controller
 from amb_core.identification.validation import validate as judge
+from amb_core.report.figures import save_validation_figures
+from amb_core.report.figures.entries import entries_from
 
 RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
 FirstStepOption = Annotated[

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.executors import ExternalShutdownException
 
-from amb_bringup.connection import GraphConnection
+from amb_bringup.client.connection import GraphConnection
 from amb_msgs.msg import (
     BridgeState,
     Excitation,

@@ -7,11 +7,11 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 from amb_bringup.client import AmbClient
-from amb_bringup.connection import ClientError
-from amb_core.errors import AmbError, one_line
+from amb_bringup.client.connection import ClientError
 from amb_core.excitation import KINDS, excitation_from_request
+from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.parameters import Declaration, declarations
 from amb_core.identification import METHODS, IdentificationProgress
-from amb_core.parameters import Declaration, declarations
 from amb_core.regions.region_map import MapProgress
 from amb_msgs.srv import RunSteps, StartRecording, StopRecording
 

@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from amb_bringup.rig import MODES
+from amb_bringup.client.rig import MODES
 from amb_bringup.view.samples import SampleDisplay
-from amb_core.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.results import plain
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.machine import machine_from_message
 from amb_core.recording.messages.region_map import region_map_from_message
@@ -17,7 +18,6 @@ from amb_core.recording.messages.region_state import region_state_from_message
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_core.regions.region_map import BOUNDARIES, RegionMap
 from amb_core.regions.state import AxisState, RegionState
-from amb_core.results import plain
 from amb_msgs.msg import BridgeState, ExcitationStatus
 from amb_ros import topics
 from amb_ros.diagnostics import TOPIC as DIAGNOSTICS

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.live import ColumnPyramid, OrbitPath, Plane, RunningSpectrum, planes_of
 from amb_core.loop.machine import MOST_AXES, Machine
 from amb_core.loop.records import LoopRecord
+from amb_core.recording.live import ColumnPyramid, OrbitPath, Plane, RunningSpectrum, planes_of
 
 WINDOW_COLUMNS = 500
 KEPT_COLUMNS = WINDOW_COLUMNS + 50  # so that a page may skip a few frames

@@ -17,8 +17,8 @@ from amb_bringup.view.listener import GraphListener
 from amb_bringup.view.orders import Orders, forms, reason
 from amb_bringup.view.picture import Picture
 from amb_bringup.view.samples import FACTORS, Seen
-from amb_core.errors import AmbError
-from amb_core.extras import extra
+from amb_core.ground.errors import AmbError
+from amb_core.ground.extras import extra
 
 with extra("view", of="amb_bringup"):
     from tornado.httpserver import HTTPServer

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import DIRECTIONS, ONE_BEARING, Machine
 
 ALL, BOTH, IN_TURN, ORTHOGONAL = "all", "both", "in_turn", "orthogonal"

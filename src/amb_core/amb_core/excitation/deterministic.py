@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from amb_core.excitation.signal import Excitation, Sampler
-from amb_core.parameters import choice, quantity, required
+from amb_core.ground.parameters import choice, quantity, required
 
 HIGHEST_AMPLITUDE = 1e-3  # m, larger than any air gap of such bearings
 HIGHEST_FREQUENCY = 50e3  # Hz, Nyquist frequency of the highest controller sample rate

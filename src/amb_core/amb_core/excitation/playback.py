@@ -14,9 +14,9 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation.seeded import Multisine
 from amb_core.excitation.signal import Excitation, ExcitationSignal, Sampler, excitation_parts
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import ONE_BEARING, Machine
 
 WINDOW = 1024

@@ -7,11 +7,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation.deterministic import Square, Sweep, Tones
 from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
 from amb_core.excitation.signal import Excitation
-from amb_core.parameters import validate
+from amb_core.ground.errors import ExcitationError
+from amb_core.ground.parameters import validate
 
 KINDS: dict[str, type[Excitation]] = {kind.kind: kind for kind in (Sweep, Square, Multisine, Prbs, WhiteNoise, Tones)}
 

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation.axes import ALL, AXES_DESCRIPTION, MODES, ORTHOGONAL, turns
 from amb_core.excitation.deterministic import EDGE_TOLERANCE, HIGHEST_AMPLITUDE, HIGHEST_FREQUENCY
 from amb_core.excitation.phases import optimised_phases, schroeder_phases
 from amb_core.excitation.signal import Excitation, Sampler
-from amb_core.parameters import choice, quantity, required, switch
+from amb_core.ground.errors import ExcitationError
+from amb_core.ground.parameters import choice, quantity, required, switch
 
 _GROUP = 4  # consecutive odd lines, of which one is left out
 
@@ -116,7 +116,7 @@ class Multisine(_Band):
     it; all axes and experiments have lines of one amplitude, and `amplitude` is the highest magnitude of them all.
 
     With `odd`, which lines are left out depends on the band and the period, not on the seed: signals of several seeds
-    are realisations of one kind, see `amb_core.distortion`.
+    are realisations of one kind, see `amb_core.regions.distortion`.
 
     Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
     depend on it: x chirps upwards, y downwards; those of further pairs of axes start in other parts of their period.

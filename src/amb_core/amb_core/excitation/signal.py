@@ -11,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation.axes import AXES_DESCRIPTION, ORTHOGONAL, Part, parts_of
+from amb_core.ground.errors import ExcitationError
+from amb_core.ground.parameters import Parameters, choice, required
 from amb_core.loop.machine import ONE_BEARING, Machine
-from amb_core.parameters import Parameters, choice, required
 
 Sampler = Callable[[int, int], NDArray[np.float64]]
 """Samples of the signal on one axis (m) from `first` up to `stop` (exclusive), shape (stop - first,)."""

@@ -4,9 +4,9 @@
 >>> result.model.fit, result.model.unstable_poles()  # doctest: +SKIP
 """
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.identification.closed_loop import closed_loop_poles, simulate_closed_loop
 from amb_core.identification.conversion import to_continuous, to_predictor, to_scipy
-from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.cva import cva
 from amb_core.identification.estimate.methods import METHODS, Method
 from amb_core.identification.estimate.order_selection import OrderSelection, select_order
@@ -21,7 +21,7 @@ from amb_core.identification.identify import Focus, Identification, identify
 from amb_core.identification.progress import IdentificationProgress
 from amb_core.identification.uncertainty import ModelUncertainty, estimate_uncertainty
 from amb_core.identification.validation import Comparison, Validation, compare, nrmse_fit, validate
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 __all__ = [
     "METHODS",

@@ -10,16 +10,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.control_law import Law, Start, advance_law, law_of, recall, state_of
 from amb_core.linear import LinearSystem
 from amb_core.linear.connections import feedback
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_control import linear_law
 from amb_core.loop.linear_parameters import require_order
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 _MEMORY = 8_192  # samples after which noise has left the loop
 DIVERGED = 1e-2  # m, larger than the air gap of any bearing considered here

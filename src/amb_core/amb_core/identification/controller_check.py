@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from amb_core.errors import AmbError
+from amb_core.data.experiments import Finding, IdentificationData, Severity
+from amb_core.ground.errors import AmbError
 from amb_core.identification.control_law import LinearLaw, law_of
 from amb_core.identification.controller_state import unexplained
-from amb_core.identification.data import Finding, IdentificationData, Severity
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.records import LoopRecord

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.linear import LinearSystem
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     import control

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.identification.closed_loop import simulate_closed_loop
 from amb_core.identification.controller_state import start_of
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.validation.prediction import first_state
+from amb_core.identification.prediction import first_state
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 
 def simulate_experiment(

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.resolvent import outputs_by_state, parts_of, states_by_input
-from amb_core.model.state_space import StateSpaceModel
 
 LEVEL = 0.99
 """Default confidence of bands."""

@@ -2,17 +2,42 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol, TypeAlias
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData, RecordedLoop
+from amb_core.data.experiments import IdentificationData, RecordedLoop
+from amb_core.ground.errors import IdentificationError
+from amb_core.identification.progress import SearchEnd
+from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
-if TYPE_CHECKING:
-    from amb_core.identification.identify import Identification
 
-Model: TypeAlias = "StateSpaceModel | Identification"
+class Identified(Protocol):
+    """The result of an identification, as later steps use it; see `Identification`."""
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """The model."""
+
+    @property
+    def data(self) -> IdentificationData:
+        """The data that it was identified from."""
+
+    @property
+    def controller(self) -> KnownController | None:
+        """The controller of the loop; None if it is not known."""
+
+    @property
+    def uncertainty(self) -> ModelUncertainty | None:
+        """How accurately the data determine the model; None if that is not known."""
+
+    @property
+    def search(self) -> SearchEnd | None:
+        """How the search ended; None without one."""
+
+
+Model: TypeAlias = StateSpaceModel | Identified
 """A model, or the result of its identification."""
 Data: TypeAlias = LoopRecord | IdentificationData | RecordedLoop
 """Data of a loop: simulated, from arrays, or from a file or bag with what is known of it."""

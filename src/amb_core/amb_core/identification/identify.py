@@ -10,29 +10,29 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.data.controller_choice import needs_controller, suits_controller
+from amb_core.data.experiments import DataReport, IdentificationData, Severity, check_data
+from amb_core.data.experiments.checks import check_amount, check_excitation
+from amb_core.data.experiments.drift import DriftCure, DriftOption, cure_drift
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.results import Result
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.controller_choice import needs_controller, suits_controller
-from amb_core.identification.data import DataReport, IdentificationData, Severity, check_data
-from amb_core.identification.data.checks import check_amount, check_excitation
-from amb_core.identification.data.drift import DriftCure, DriftOption, cure_drift
 from amb_core.identification.estimate.methods import METHODS, estimate, starts_for_simulation
 from amb_core.identification.estimate.order_selection import OrderSelection, select_order
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
 from amb_core.identification.given import Data, given_loop
-from amb_core.identification.numerics import LARGEST_RADIUS
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, Verdict, nrmse_fit, validate
 from amb_core.identification.validation.overlap import fingerprint_of
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import LARGEST_RADIUS
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
-from amb_core.results import Result
 
 if TYPE_CHECKING:
     from amb_core.plant import PlantParameters

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from amb_core.identification.closed_loop import loop_axes
+from amb_core.linear.model.modes import Modes, modes_of
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.model.modes import Modes, modes_of
-from amb_core.model.state_space import StateSpaceModel
 from amb_core.plant.linearise import close_loop
 
 

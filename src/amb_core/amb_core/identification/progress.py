@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 
 
 @dataclass(frozen=True)

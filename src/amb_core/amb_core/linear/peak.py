@@ -19,7 +19,7 @@ import ctrlsys
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.linear.system import LinearSystem
 
 _TOLERANCE = 1e-9  # of AB13DD, relative

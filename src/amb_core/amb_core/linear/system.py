@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from amb_core.extras import extra
+from amb_core.ground.extras import extra
 from amb_core.linear.resolvent import Arrays, Complexes, response, response_and_slope
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from typing import Self
 
 from pydantic import BaseModel, model_validator
 
-from amb_core.errors import ParameterError
-from amb_core.parameters import Parameters, quantities
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import Parameters, quantities
 
 LISTS = {"proportional_gain": "proportional_gains", "derivative_gain": "derivative_gains"}
 """Where each axis may have its own value, the parameter with these values."""

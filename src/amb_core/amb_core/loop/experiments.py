@@ -8,15 +8,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.parameters import part_of
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import merge_blocks
-from amb_core.parameters import part_of
 
 if TYPE_CHECKING:
+    from amb_core.linear.model import StateSpaceModel
     from amb_core.loop.known_controller import KnownController, LinearControl
     from amb_core.loop.pd_parameters import ControllerParameters
-    from amb_core.model import StateSpaceModel
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_core.errors import AmbError, ParameterError
+from amb_core.ground.errors import AmbError, ParameterError
+from amb_core.ground.parameters import choice
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, with_anti_windup
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import sample_rate_of
-from amb_core.model import StateSpaceModel
-from amb_core.parameters import choice
 
 _MATRICES = ("a", "b", "c", "d", "k", "input_offset", "output_offset")
 

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, state_at_rest, with_anti_windup
 from amb_core.loop.pd_parameters import ControllerParameters, one_each, pack_gains
-from amb_core.model import StateSpaceModel
 
 __all__ = [
     "LinearController",

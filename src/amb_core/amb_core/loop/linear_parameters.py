@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ParameterError
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import Parameters
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.pd_parameters import current_limit, nominal_reference, one_each
-from amb_core.model import StateSpaceModel
-from amb_core.parameters import Parameters
 
 ON_THE_CIRCLE = 1e-6  # a pole of magnitude 1 - this or more does not forget what happened at the limit
 

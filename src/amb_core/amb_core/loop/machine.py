@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from amb_core.errors import MachineError, bounded
+from amb_core.ground.errors import MachineError, bounded
 from amb_core.loop.records import LoopRecord, axis_names
 
 MOST_AXES = 16  # and bearings

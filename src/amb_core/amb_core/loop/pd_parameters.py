@@ -8,8 +8,8 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ParameterError
-from amb_core.parameters import (
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.parameters import (
     Parameters,
     choice,
     flatten,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pydantic import model_validator
 
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.ground.parameters import Parameters, choice, quantity, switch
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _CAP_IPC_LOCK = 14  # bit in the effective capabilities of a process

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from amb_core.errors import AmbError, BagError
+from amb_core.ground.errors import AmbError, BagError
 from amb_core.loop.records import LoopRecord
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
-from amb_core.files.package_files import located
-from amb_core.files.regular_files import read_text, shown
+from amb_core.ground.errors import PlantError
+from amb_core.ground.files.package_files import located
+from amb_core.ground.files.regular_files import read_text, shown
 
 _LARGEST = 5.0  # T
 

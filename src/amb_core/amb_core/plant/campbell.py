@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import flatten, validate
+from amb_core.linear.model.modes import Mode, Modes, modes_of
 from amb_core.loop.control import ControllerParameters
-from amb_core.model.modes import Mode, Modes, modes_of
-from amb_core.parameters import flatten, validate
 from amb_core.plant.linearise import linearize
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.plant import Plant

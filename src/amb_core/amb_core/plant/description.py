@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.ground.parameters import SourcedValue, sourced_values
 from amb_core.loop.control import ControllerParameters
-from amb_core.parameters import SourcedValue, sourced_values
 from amb_core.plant.averaged import coil_references, flux_embedding
 from amb_core.plant.linearise import linearize
 from amb_core.plant.network import COIL_AXES, COIL_POLES, POLES, active_coils

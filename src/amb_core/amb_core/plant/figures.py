@@ -1,6 +1,6 @@
 """Figures of a plant: its iron, its static force, and how fast the force follows the current.
 
-Made without pyplot, as those of `amb_core.figures`; save one with `figure.savefig`.
+Made without pyplot, as those of `amb_core.report.figures`; save one with `figure.savefig`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.extras import extra
+from amb_core.ground.extras import extra
 from amb_core.plant.eddy import eddy_bandwidth, force_response
 from amb_core.plant.iron import initial_iron, pack_material, saturation_curve
 from amb_core.plant.kernel.iron import advance_hysteresis

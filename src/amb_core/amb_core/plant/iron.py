@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.bh_table import read_bh_table
 from amb_core.plant.kernel.langevin import langevin
 from amb_core.plant.kernel.records import CURVE, CURVE_INTERVALS, IRON, MATERIAL

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.axial import Axial

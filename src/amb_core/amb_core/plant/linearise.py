@@ -37,7 +37,7 @@ from amb_core.plant.rigid_mode import rigid_pair
 from amb_core.plant.sampled_amplifiers import modulation_is_regular, sampled_plant
 
 if TYPE_CHECKING:
-    from amb_core.step_response import SecondOrder
+    from amb_core.linear.step_response import SecondOrder
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Linearization:
         SecondOrder or None
             Natural frequency and damping ratio.
         """
-        from amb_core.step_response import SecondOrder
+        from amb_core.linear.step_response import SecondOrder
 
         if axis not in self.closed_loop.output_names:
             return None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.iron import saturation_curve
 from amb_core.plant.network import POLE_ANGLES, POLES, MagneticNetwork, flux_constraints
 from amb_core.plant.parameters import PlantParameters

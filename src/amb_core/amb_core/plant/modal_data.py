@@ -35,10 +35,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
-from amb_core.files.arrays import load_arrays
-from amb_core.files.package_files import located
-from amb_core.files.regular_files import shown
+from amb_core.ground.errors import PlantError
+from amb_core.ground.files.arrays import load_arrays
+from amb_core.ground.files.package_files import located
+from amb_core.ground.files.regular_files import shown
 
 _SKEW_TOLERANCE = 1e-6
 """Largest symmetric part of the gyroscopic matrix, relative to its largest element; allows single precision files."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant.averaged import AveragedPlant, coil_references
 from amb_core.plant.plant import Plant

@@ -10,7 +10,7 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from amb_core.parameters import Parameters, choice, quantity, switch
+from amb_core.ground.parameters import Parameters, choice, quantity, switch
 from amb_core.plant.rotor_parameters import (
     BackupBearingParameters,
     FlexibleRotorParameters,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.axial import Axial, AxialSnapshot, unpack_axial
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import records

@@ -12,8 +12,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from amb_core.errors import PlantError
-from amb_core.files.regular_files import read_text, shown
+from amb_core.ground.errors import PlantError
+from amb_core.ground.files.regular_files import read_text, shown
 
 SAVED = (".toml", ".json")
 """Endings of the files that `ross.Rotor.save` writes."""

@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import model_validator
 
+from amb_core.ground.parameters import Parameters, choice, quantity, switch
 from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
-from amb_core.parameters import Parameters, choice, quantity, switch
 
 
 class RotorParameters(Parameters):

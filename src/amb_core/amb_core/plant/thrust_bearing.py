@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.constants import mu_0
 
-from amb_core.errors import PlantError
+from amb_core.ground.errors import PlantError
 from amb_core.plant.memory_terms import MOST_TERMS, MemoryTerms, fit_weights
 from amb_core.plant.parameters import AmplifierParameters, PlantParameters
 from amb_core.plant.thrust_parameters import ThrustBearingParameters

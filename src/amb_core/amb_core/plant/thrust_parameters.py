@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from pydantic import model_validator
 
-from amb_core.parameters import Parameters, quantity, switch
+from amb_core.ground.parameters import Parameters, quantity, switch
 
 
 class ThrustBearingParameters(Parameters):

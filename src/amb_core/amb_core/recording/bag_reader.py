@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from amb_core.errors import BagError
-from amb_core.files.apart import Apart, UnreadableError
-from amb_core.files.apart_server import yields
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.apart import Apart, UnreadableError
+from amb_core.ground.files.apart_server import yields
 from amb_core.recording.decoder import Decoder
 from amb_core.recording.layout import layout_hash
 from amb_core.recording.storage import Definition, StoredMessage, Stretch, open_storage

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.experiments import AppliedExcitation
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord

@@ -9,7 +9,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording.storage import Definition
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording.decoder import register
 from amb_core.recording.storage import Definition
 

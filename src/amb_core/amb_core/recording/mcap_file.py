@@ -11,7 +11,7 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from amb_core import __version__
+from amb_core.ground.version import __version__
 
 PROGRAM = f"amb_core {__version__}"
 """What a bag names as its writer."""

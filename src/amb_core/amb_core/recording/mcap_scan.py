@@ -19,9 +19,9 @@ from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, McapRecord
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
-from amb_core.errors import BagError
-from amb_core.files.limits import Expansion, limits_for
-from amb_core.files.regular_files import MIB, open_regular
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.limits import Expansion, limits_for
+from amb_core.ground.files.regular_files import MIB, open_regular
 from amb_core.recording.mcap_file import StoredTopic
 
 LARGEST = 1 << 30

@@ -10,8 +10,8 @@ from typing import Any
 
 from mcap.reader import SeekingReader
 
-from amb_core.errors import BagError
-from amb_core.files.regular_files import open_regular
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.regular_files import open_regular
 from amb_core.recording.bag_metadata import WRITTEN_BY
 from amb_core.recording.mcap_scan import LARGEST, UNREADABLE
 from amb_core.recording.storage import McapStorage, Storage, description_of, open_storage

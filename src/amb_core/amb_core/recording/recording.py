@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import BagError
-from amb_core.files.parameter_files import BRIDGE_NODE
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.parameter_files import BRIDGE_NODE
+from amb_core.ground.parameters import part_of
 from amb_core.loop.experiments import (
     AppliedExcitation,
     controller_of,
@@ -22,7 +23,6 @@ from amb_core.loop.experiments import (
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord, PlantRecord, sample_rate_of
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
-from amb_core.parameters import part_of
 from amb_core.recording.content import BagContent
 from amb_core.recording.messages.excitation import frequency_from_message
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES
@@ -31,9 +31,9 @@ from amb_core.recording.messages.plant_state import PLANT_STATE, plant_record_fr
 from amb_core.recording.messages.state_space_model import model_from_message
 
 if TYPE_CHECKING:
+    from amb_core.linear.model import StateSpaceModel
     from amb_core.loop.known_controller import KnownController
     from amb_core.loop.pd_parameters import ControllerParameters
-    from amb_core.model import StateSpaceModel
     from amb_core.plant import PlantParameters
     from amb_core.regions import RegionState
     from amb_core.regions.region_map import RegionMap

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from amb_core.errors import BagError
-from amb_core.files.regular_files import is_folder
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.regular_files import is_folder
 from amb_core.recording.bag_metadata import METADATA, write_metadata
 from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.mcap_file import FileContent, McapFile, StoredTopic

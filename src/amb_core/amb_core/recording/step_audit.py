@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.telemetry import StepCoverage, describe_gaps
 from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message

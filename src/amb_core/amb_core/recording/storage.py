@@ -18,9 +18,9 @@ import yaml
 import zstandard
 from mcap.records import ChunkIndex, Message
 
-from amb_core.errors import BagError
-from amb_core.files.limits import Expansion, limits_for, too_much
-from amb_core.files.regular_files import MIB, open_regular, read_text, shown
+from amb_core.ground.errors import BagError
+from amb_core.ground.files.limits import Expansion, limits_for, too_much
+from amb_core.ground.files.regular_files import MIB, open_regular, read_text, shown
 from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.mcap_scan import McapScan, expand_zstd
 

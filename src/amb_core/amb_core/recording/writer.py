@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.recording.bag_metadata import write_metadata
 from amb_core.recording.decoder import register
 from amb_core.recording.mcap_file import McapFile, StoredTopic

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.classifier import RegionClassifier

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.axis import AxisClassifier, gain
 from amb_core.regions.contact import Contact

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
 from amb_core.loop.machine import Machine
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import model_validator
 
-from amb_core.parameters import Parameters, quantity
+from amb_core.ground.parameters import Parameters, quantity
 
 SMALLEST_RADIUS = 1e-6  # m
 

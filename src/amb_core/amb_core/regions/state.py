@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum
 
-from amb_core.errors import RegionError
+from amb_core.ground.errors import RegionError
 
 
 class Region(IntEnum):

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import model_validator
 
-from amb_core.errors import ExcitationError, ParameterError
+from amb_core.ground.errors import ExcitationError, ParameterError
+from amb_core.ground.parameters import Parameters, quantity
 from amb_core.loop.machine import Machine
-from amb_core.parameters import Parameters, quantity
-from amb_core.target import Limits
+from amb_core.rig.link import Limits
 
 OUT_OF_BAND = 0.01
 """Share of the power of an excitation that may lie outside the band: its steps from and to zero are never in it."""

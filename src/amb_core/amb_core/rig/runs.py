@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
-from amb_core.target import TelemetryBlock
+from amb_core.rig.link import TelemetryBlock
 
 _STATE = 0b111  # of the status word: the state of the target
 _FIRST, _LAST = 1, 3  # states in which the rotor is levitated: LEVITATING to LANDING

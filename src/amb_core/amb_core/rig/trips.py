@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from amb_core.loop.machine import Machine
-from amb_core.target import TargetStatus, Trip, TripReason
+from amb_core.rig.link import TargetStatus, Trip, TripReason
 
 
 class BridgeTrip(IntEnum):

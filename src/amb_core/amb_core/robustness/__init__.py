@@ -4,7 +4,7 @@
 >>> found.certified, found.verdict  # doctest: +SKIP
 """
 
-from amb_core.identification.data import RecordedLoop as Recorded
+from amb_core.data.experiments import RecordedLoop as Recorded
 from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.assessment import Assessment, assess, assess_loop
 from amb_core.robustness.certificate import Certificate, Check, certify

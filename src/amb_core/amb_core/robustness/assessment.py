@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from amb_core.identification.numerics import one_blas_thread
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import Arrays
+from amb_core.linear.model import StateSpaceModel
+from amb_core.linear.numerics import one_blas_thread
 from amb_core.linear.peak import Peak, peak_gain
 from amb_core.loop.known_controller import KnownController
-from amb_core.model import StateSpaceModel
 from amb_core.robustness.ellipsoid import Worst
 from amb_core.robustness.feedback import Feedback, feedback_of
 from amb_core.robustness.known_band import KnownBand

@@ -12,14 +12,14 @@ from typing import Literal
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.numerics import one_blas_thread
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.results import Result
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
+from amb_core.linear.model import StateSpaceModel
+from amb_core.linear.numerics import one_blas_thread
 from amb_core.loop.known_controller import KnownController
-from amb_core.model import StateSpaceModel
-from amb_core.results import Result
 from amb_core.robustness.assessment import Assessment, assess_loop
 from amb_core.robustness.checks import (
     COVERED,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.results import plain
+from amb_core.ground.results import plain
 from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.certificate import Certificate
 from amb_core.robustness.measured import MeasuredSensitivity

@@ -30,11 +30,11 @@ from functools import cached_property
 import numpy as np
 from scipy import special
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.validation.prediction import predict
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
+from amb_core.identification.prediction import predict
 from amb_core.linear import Arrays, Complexes, LinearSystem
-from amb_core.model import StateSpaceModel
+from amb_core.linear.model import StateSpaceModel
 
 CONFIDENCE = 0.999  # at each frequency
 WIDER = 4.0  # factor from one damping ratio to the next; one in between is seen with no less than its peak

@@ -18,12 +18,12 @@ from functools import cached_property
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification.closed_loop import loop_axes
 from amb_core.linear import Arrays, LinearSystem, connections
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.linear_control import linear_law
-from amb_core.model import StateSpaceModel
 from amb_core.robustness.late_plant import late_model
 
 MARGIN = 1e-9

@@ -10,15 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from amb_core.errors import AmbError, RobustnessError
-from amb_core.identification.data import RecordedLoop as Recorded
-from amb_core.identification.data.drift import cure_drift
+from amb_core.data.experiments import RecordedLoop as Recorded
+from amb_core.data.experiments.drift import cure_drift
+from amb_core.ground.errors import AmbError, RobustnessError
 from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.model import StateSpaceModel
 from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity

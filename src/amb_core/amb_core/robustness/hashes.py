@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.model import StateSpaceModel
 
 
 def sha256_of(path: str | Path) -> str:

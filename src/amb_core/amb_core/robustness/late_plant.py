@@ -21,11 +21,11 @@ from dataclasses import replace
 import numpy as np
 from scipy import linalg
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.linear import Arrays
-from amb_core.model import StateSpaceModel
+from amb_core.linear.model import StateSpaceModel
 
 DEAD = 1e-9  # magnitude of a pole below which it is dead time
 

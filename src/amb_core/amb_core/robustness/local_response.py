@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.linear import Arrays, Complexes
 
 ORDER = 2  # of the polynomials

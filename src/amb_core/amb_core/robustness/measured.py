@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from amb_core.errors import RobustnessError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_over_periods
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.robustness.mu_blocks import Blocks, lower_of_blocks, upper_of_blocks
 from amb_core.robustness.mu_lower import lower_bound

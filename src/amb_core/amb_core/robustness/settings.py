@@ -10,8 +10,8 @@ from typing import Literal
 
 from pydantic import model_validator
 
-from amb_core.errors import RobustnessError
-from amb_core.parameters import Parameters, choice, quantity
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.parameters import Parameters, choice, quantity
 
 Zone = Literal["A", "B", "C", "D"]
 ZONES: tuple[Zone, ...] = ("A", "B", "C", "D")

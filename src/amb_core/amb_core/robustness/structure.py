@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
+from amb_core.ground.errors import RobustnessError
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.mu import Block

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from amb_core.errors import RobustnessError
+from amb_core.data.experiments import IdentificationData
 from amb_core.excitation import Sweep
-from amb_core.identification.data import IdentificationData
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.parameters import Parameters, quantity
 from amb_core.linear import Arrays
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.linear_control import linear_law
-from amb_core.parameters import Parameters, quantity
 from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.measured import MeasuredSensitivity, experiments_of, measured_sensitivity
 from amb_core.robustness.sharp_peaks import (

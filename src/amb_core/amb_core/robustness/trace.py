@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from amb_core import __version__
-from amb_core.errors import RobustnessError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.parameters import Parameters, choice, validate
+from amb_core.ground.tasks.provenance import code_version
+from amb_core.ground.version import __version__
 from amb_core.linear import Arrays
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.model import StateSpaceModel
-from amb_core.parameters import Parameters, choice, validate
 from amb_core.robustness.hashes import sha256_of_controller, sha256_of_data
-from amb_core.tasks.provenance import code_version
 
 BAND = 0.999  # share of the power of the references within their band
 STANDARDS = (

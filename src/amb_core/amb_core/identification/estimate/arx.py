@@ -14,11 +14,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import HIGHEST_ORDER, Samples, ScaledData
-from amb_core.identification.numerics import one_blas_thread
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import one_blas_thread
 
 _FEWEST = 2  # samples per regressor
 

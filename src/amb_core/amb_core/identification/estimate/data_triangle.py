@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
-from amb_core.identification.numerics import thin_svd
+from amb_core.linear.numerics import thin_svd
 
 _BLOCK = 4_000  # rows of the data matrix held at once
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.identification.estimate.predictor import experiments
-from amb_core.identification.numerics import thin_svd
+from amb_core.linear.numerics import thin_svd
 
 _BLOCK = 1_000  # samples whose signals are held at once
 _SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest

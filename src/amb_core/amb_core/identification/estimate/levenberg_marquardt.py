@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.identification.numerics import thin_svd
+from amb_core.linear.numerics import thin_svd
 
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding

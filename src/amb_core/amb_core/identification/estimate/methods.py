@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
 from amb_core.identification.estimate.cva import cva
 from amb_core.identification.estimate.pbsid import pbsid
 from amb_core.identification.estimate.pem import MOST_ITERATIONS, pem
@@ -15,7 +15,7 @@ from amb_core.identification.estimate.scaled_data import Samples
 from amb_core.identification.estimate.ssarx import ssarx, ssarx_ridges
 from amb_core.identification.estimate.subspace import n4sid_horizons
 from amb_core.identification.progress import Watch
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 Method = Literal["pem", "ssarx", "pbsid", "cva", "n4sid", "moesp"]
 

@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.data.checks import highest_excited_order
+from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.checks import highest_excited_order
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_of
@@ -40,8 +40,8 @@ from amb_core.identification.estimate.state_regression import (
     predictor_matrices,
     shortest_horizon,
 )
-from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.linear.numerics import LARGEST_RADIUS, small_matrices
 
 HIGHEST = 14
 """The highest order tested by default."""

@@ -18,7 +18,7 @@ from scipy import linalg
 from amb_core.identification.estimate.data_triangle import PastRegression
 from amb_core.identification.estimate.scaled_data import Samples
 from amb_core.identification.estimate.state_regression import identify_by_states
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 
 def pbsid(

@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory
 from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
-from amb_core.identification.numerics import LARGEST_RADIUS, small_matrices
 from amb_core.identification.progress import SearchEnd
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import LARGEST_RADIUS, small_matrices
 
 MOST_ITERATIONS = 22
 MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.linear.small_matrices import add_product, set_matrix_product, set_product
 
 _BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.predictor import kalman_gain
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 _BOUNDARY = 1.0 - 1e-9  # from this magnitude onwards a pole belongs to the unstable part, as integrators do
 

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.predictor import experiments, fit_input_matrix, innovations, kalman_gain
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData, check_order
-from amb_core.identification.numerics import small_matrices, thin_svd
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import small_matrices, thin_svd
 
 _LONGEST_PAST = 60  # steps; the memory of a bearing's predictor is shorter, unless there is nearly no noise
 _SAMPLES_PER_STEP = 20  # at least, so that short data leave the long ARX model enough freedom

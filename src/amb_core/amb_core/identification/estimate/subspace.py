@@ -21,11 +21,11 @@ import ctrlsys
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.predictor import fit_input_matrix, kalman_gain
 from amb_core.identification.estimate.scaled_data import ScaledData, check_order
-from amb_core.identification.numerics import small_matrices
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import small_matrices
 
 HORIZONS = (1.2, 1.5, 2.0, 3.0, 5.0)  # block rows in multiples of the order
 _SLICOT_NAMES = {"n4sid": ("N", "C"), "moesp": ("M", "M")}  # of compression and of system matrices

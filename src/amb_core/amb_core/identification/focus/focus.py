@@ -18,14 +18,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.focus.gain import fit_kalman_gain
 from amb_core.identification.focus.problem import SimulationProblem
-from amb_core.identification.numerics import small_matrices
 from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import small_matrices
 from amb_core.loop.known_controller import KnownController
-from amb_core.model.state_space import StateSpaceModel
 
 MOST_ITERATIONS = 20
 _LEAST_GAIN = 1e-3  # relative decrease of the squared errors at which the search ends: 0.05 % of what a fit lacks

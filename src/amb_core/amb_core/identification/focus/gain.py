@@ -11,8 +11,8 @@ from scipy import linalg
 
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.estimate.predictor import experiment_factor, experiments, innovations, kalman_gain
-from amb_core.identification.numerics import LARGEST_RADIUS
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import LARGEST_RADIUS
 
 _LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
 _MOST_ITERATIONS = 15

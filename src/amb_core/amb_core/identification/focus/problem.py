@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles, simulate_closed_loop
 from amb_core.identification.controller_state import start_of
-from amb_core.identification.data import IdentificationData
 from amb_core.identification.estimate.local_coordinates import balanced_predictor, local_directions
 from amb_core.identification.experiment_simulation import in_experiment
 from amb_core.identification.focus.sensitivity import LoopDirections, sensitivity_factor
-from amb_core.identification.numerics import LARGEST_RADIUS
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import LARGEST_RADIUS
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 Arrays = NDArray[np.float64]
 

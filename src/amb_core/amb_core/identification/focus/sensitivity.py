@@ -26,10 +26,10 @@ from amb_core.identification.control_law import (
     recall,
     state_of,
 )
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 _BLOCK = 1_000  # samples whose derivatives are held at once
 

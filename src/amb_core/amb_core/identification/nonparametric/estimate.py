@@ -34,8 +34,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.nonparametric.bands import over_bands
 from amb_core.identification.nonparametric.by_references import ByReferences, Complex, Signals

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.distortion.local_fit import fit_between_lines
-from amb_core.distortion.periods import EXCITED, SETTLING, PeriodicPart, find_periodic_parts, periodic_parts
-from amb_core.errors import SpectrumError
+from amb_core.ground.errors import SpectrumError
 from amb_core.identification.nonparametric.by_references import ByReferences, Complex, Signals, from_sums
+from amb_core.regions.distortion.local_fit import fit_between_lines
+from amb_core.regions.distortion.periods import EXCITED, SETTLING, PeriodicPart, find_periodic_parts, periodic_parts
 
 _MOSTLY = 0.5  # part of the moving reference that must be periodic
 _FREE_TERMS = 6.0  # of the noise at a line, from which the deviations are known well enough

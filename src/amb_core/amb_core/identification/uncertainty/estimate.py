@@ -21,17 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
-from amb_core.identification.numerics import small_matrices, thin_svd
+from amb_core.identification.prediction import first_state, predicted_states
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.sensitivity import Sensitivity, sensitivity
-from amb_core.identification.validation.prediction import first_state, predicted_states
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import small_matrices, thin_svd
 
 _LEAST_SINGULAR_VALUE = 1e-10  # of the normalised sensitivities, relative to the largest; good data stay above 1e-4
 _CONSTANT = 1.0 - 1e-9  # pole of a state that hardly fades, but lets the predictor count as stable

@@ -17,12 +17,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile, response_of, transfers
 from amb_core.identification.uncertainty.directions import Directions, response_changes
 from amb_core.identification.uncertainty.poles import PoleGroup, pole_groups
 from amb_core.identification.uncertainty.samples import Sampler
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 _INFLATED = 1.25  # from this inflation onwards innovations are not white; even few data scatter less
 _NOTABLE = 2.0  # difference to a richer model, over the random deviation, that chance hardly makes

@@ -19,15 +19,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.methods import estimate
 from amb_core.identification.frequency_response import response_of, transfers
 from amb_core.identification.progress import Watch
 from amb_core.identification.uncertainty.directions import response_changes
 from amb_core.identification.uncertainty.estimate import estimate_uncertainty
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 _FREQUENCIES = np.geomspace(4e-4, 0.9, 150)  # at which responses are compared, relative to half the sample rate
 

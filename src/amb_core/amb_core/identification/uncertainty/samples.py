@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.frequency_response import transfers
 from amb_core.identification.uncertainty.directions import Directions, response_changes
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 _FREQUENCIES = np.geomspace(1e-4, 1.0, 200)  # at which responses are compared, relative to half the sample rate
 _SMALLEST = 1e-100  # deviation of a response, relative to the largest, that still has a weight

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.identification.uncertainty.directions import Directions
-from amb_core.model.state_space import StateSpaceModel
+from amb_core.linear.model.state_space import StateSpaceModel
 
 _ENTRIES = 1_000_000  # of the derivatives of states held at once
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.results import Result
 from amb_core.identification.given import Data, Model, given_loop
-from amb_core.identification.validation.validate import Validation, validate
+from amb_core.identification.validation.validate import validate
+from amb_core.identification.validation.validation import Validation
 from amb_core.identification.validation.verdict import Verdict
 from amb_core.loop.known_controller import KnownController
-from amb_core.results import Result
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -30,12 +30,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
-from amb_core.errors import IdentificationError
-from amb_core.identification.data import IdentificationData
+from amb_core.data.experiments import IdentificationData
+from amb_core.ground.errors import IdentificationError
+from amb_core.identification.prediction import Prediction, filtered, predicted_states
 from amb_core.identification.validation.model_error import column_sizes, limit_at
-from amb_core.identification.validation.prediction import Prediction, filtered, predicted_states
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.model.state_space import StateSpaceModel
 
 Arrays = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import IdentificationError, ParameterError, PlantError
-from amb_core.identification.controller_choice import needs_controller
-from amb_core.identification.data import IdentificationData
-from amb_core.identification.data.checks import check_feedback
+from amb_core.data.controller_choice import needs_controller
+from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.checks import check_feedback
+from amb_core.ground.errors import IdentificationError, ParameterError, PlantError
 from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, response_of
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_response
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import KnownController, LinearControl
-from amb_core.model.state_space import StateSpaceModel
 
 if TYPE_CHECKING:
     from amb_core.identification.uncertainty import ModelUncertainty

@@ -8,20 +8,17 @@ a model; one that is significant and small, or a condition that is not known, le
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from amb_core.data.experiments import Severity
+from amb_core.data.experiments.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
-from amb_core.identification.data import Severity
-from amb_core.identification.data.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
+from amb_core.identification.validation.measures import Measures
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
 from amb_core.identification.validation.verdict import SIGNIFICANT, Condition, Verdict
-
-if TYPE_CHECKING:
-    from amb_core.identification.validation.validate import Validation
 
 SHORT_OF_POSSIBLE = 10.0
 """Points of fit that a model may lack to what the data allow."""
@@ -35,12 +32,12 @@ the true ones, and the loop is simulated with the limit."""
 _RESERVED, _REFUSED = Verdict.RESERVATIONS, Verdict.NOT_VALIDATED
 
 
-def judge(found: Validation) -> tuple[Condition, ...]:
+def judge(found: Measures) -> tuple[Condition, ...]:
     """All conditions on a model, in the order of `RULES`."""
     return tuple(rule(found) for rule, *_ in RULES)
 
 
-def _stable(found: Validation) -> Condition:
+def _stable(found: Measures) -> Condition:
     key, name, limit = "closed_loop", "the closed loop is stable", "all poles inside the unit circle"
     loop = found.closed_loop
     if loop is None:
@@ -58,7 +55,7 @@ def _stable(found: Validation) -> Condition:
     )  # fmt: skip
 
 
-def _controller(found: Validation) -> Condition:
+def _controller(found: Measures) -> Condition:
     key, name = "controller", "the controller computed the recorded currents"
     limit = f"all but {100.0 * FOREIGN:g} % of them (rms), and no other law fits far better"
     check = found.controller_check
@@ -69,7 +66,7 @@ def _controller(found: Validation) -> Condition:
     return Condition(key, name, f"{where}{check.what}", limit, _RESERVED, advice)
 
 
-def _sound(found: Validation) -> Condition:
+def _sound(found: Measures) -> Condition:
     key, name = "samples", "the samples are as they were measured"
     limit = "no check of the recording warns"
     findings = [one for one in found.findings if one.severity is not Severity.INFO and one.check != NOTED]
@@ -80,7 +77,7 @@ def _sound(found: Validation) -> Condition:
     return Condition(key, name, "; ".join(texts), limit, _RESERVED, advice)
 
 
-def _followed(found: Validation) -> Condition:
+def _followed(found: Measures) -> Condition:
     key, name = "closed_loop_fit", "the closed loop follows as well as the noise allows"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
     loop, possible = found.closed_loop, found.possible_fit
@@ -98,7 +95,7 @@ def _followed(found: Validation) -> Condition:
     return Condition(key, name, ", ".join(texts), limit, _REFUSED, _why_short(found, short > SHORT_OF_POSSIBLE))
 
 
-def _why_short(found: Validation, poor: np.ndarray) -> str:
+def _why_short(found: Measures, poor: np.ndarray) -> str:
     loop = found.closed_loop
     assert loop is not None
     spread = np.vstack([record.position for record in loop.measured]).std(axis=0)
@@ -118,7 +115,7 @@ def _why_short(found: Validation, poor: np.ndarray) -> str:
     )
 
 
-def _predicted(found: Validation) -> Condition:
+def _predicted(found: Measures) -> Condition:
     key, name = "one_step_fit", "one step is predicted as well as the data allow"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what the past of all signals explains"
     fit, possible = found.one_step_fit, found.possible_one_step_fit
@@ -129,7 +126,7 @@ def _predicted(found: Validation) -> Condition:
     return Condition(key, name, finding, limit, _REFUSED, "raise the order, or identify from data of this kind")
 
 
-def _response(found: Validation) -> Condition:
+def _response(found: Measures) -> Condition:
     key, name = "response", "the frequency response agrees where the data say anything"
     limit = f"{MATTERS:g} % where the loop acts, up to {MATTERS / LEAST_ACTION:g} % where it hardly does, beside chance"
     bands = found.band_errors
@@ -152,7 +149,7 @@ def _response(found: Validation) -> Condition:
     return Condition(key, name, finding, limit, level, advice)
 
 
-def _deviations(found: Validation) -> Condition:
+def _deviations(found: Measures) -> Condition:
     key, name = "deviations", "gains, dead times, stiffness and modes agree"
     limit = "an error of the response as above, beside chance"
     kinds = found.deviations
@@ -167,7 +164,7 @@ def _deviations(found: Validation) -> Condition:
     )
 
 
-def _ringing(found: Validation) -> Condition:
+def _ringing(found: Measures) -> Condition:
     key, name = "ringing", "no mode is missing"
     limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
     one = found.ringing
@@ -194,7 +191,7 @@ def _ringing(found: Validation) -> Condition:
     return Condition(key, name, finding, limit, _REFUSED, advice)
 
 
-def _independent(found: Validation) -> Condition:
+def _independent(found: Measures) -> Condition:
     return _by_chance(
         "independence", "the residuals are independent of past inputs", found.residuals.independence,
         "past inputs explain",
@@ -203,7 +200,7 @@ def _independent(found: Validation) -> Condition:
     )  # fmt: skip
 
 
-def _white(found: Validation) -> Condition:
+def _white(found: Measures) -> Condition:
     return _by_chance(
         "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains",
         "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
@@ -220,7 +217,7 @@ def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, advice: str
     return Condition(key, name, finding, limit, _RESERVED, advice)
 
 
-def _distortion(found: Validation) -> Condition:
+def _distortion(found: Measures) -> Condition:
     key, name = "distortion", "the response is linear"
     limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
     measured, coherence = found.evidence.distortion, found.evidence.coherence
@@ -237,7 +234,7 @@ def _distortion(found: Validation) -> Condition:
     return Condition(key, name, found.evidence.brief, limit, _RESERVED, "excite less, and see `amb distortion`")
 
 
-def _fresh(found: Validation) -> Condition:
+def _fresh(found: Measures) -> Condition:
     key, name = "fresh_data", "the data are not those of the identification"
     limit = f"{100.0 * OVERLAP:g} % of their samples in common"
     if found.overlap == 0.0 and not len(found.model.fingerprint):
@@ -248,7 +245,7 @@ def _fresh(found: Validation) -> Condition:
     return Condition(key, name, finding, limit, _RESERVED, "validate on another experiment")
 
 
-def _converged(found: Validation) -> Condition:
+def _converged(found: Measures) -> Condition:
     key, name, limit = "convergence", "the search of the identification converged", "no further step promises anything"
     search = found.search
     if search is None:
@@ -259,7 +256,7 @@ def _converged(found: Validation) -> Condition:
     return Condition(key, name, finding, limit, _RESERVED, "lower the order, or use data with more noise than rounding")
 
 
-def _decided(found: Validation) -> Condition:
+def _decided(found: Measures) -> Condition:
     key, name = "poles", "the data decide which poles are stable"
     limit = "no interval of a pole contains 1"
     if found.undecided is None:
@@ -269,7 +266,7 @@ def _decided(found: Validation) -> Condition:
     return Condition(key, name, found.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
 
 
-Rule = Callable[["Validation"], Condition]
+Rule = Callable[[Measures], Condition]
 
 RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_stable, "closed loop stable", "poles of model and controller", "refused; not known: reservations"),

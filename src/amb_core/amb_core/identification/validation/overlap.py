@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.identification.data import IdentificationData, restore
+from amb_core.data.experiments import IdentificationData, restore
 
 COUNT = 64
 """Hashes of a fingerprint."""

@@ -6,24 +6,22 @@ import math
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.identification.validation.fit import BELOW_ZERO_MEANING, fit_text
+from amb_core.ground.results import plain
+from amb_core.identification.fit import BELOW_ZERO_MEANING, fit_text
+from amb_core.identification.validation.judged import JudgedMeasures
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.verdict import Condition, Verdict
-from amb_core.results import plain
-
-if TYPE_CHECKING:
-    from amb_core.identification.validation.validate import Validation
 
 WIDTH = 100
 _OUTPUTS_ABREAST = 3  # in a table of one column for each output
 
 
-def summary_line(validation: Validation) -> str:
+def summary_line(validation: JudgedMeasures) -> str:
     """The verdict and the main numbers in one line."""
     model = validation.model
     parts = []
@@ -38,7 +36,7 @@ def summary_line(validation: Validation) -> str:
     return f"{validation.verdict}: {model.method or 'model'}, order {model.order}; {'; '.join(parts)}"
 
 
-def shows_below_zero(validation: Validation) -> bool:
+def shows_below_zero(validation: JudgedMeasures) -> bool:
     """Whether a fit of the closed loop or of a prediction that reports show is below 0 %."""
     loop = validation.closed_loop
     shown = [validation.prediction.fit_at(horizon) for horizon in validation.horizons]
@@ -46,7 +44,7 @@ def shows_below_zero(validation: Validation) -> bool:
     return bool(np.min(np.concatenate(shown)) < 0.0)
 
 
-def report_text(validation: Validation) -> str:
+def report_text(validation: JudgedMeasures) -> str:
     """One page of text, 100 columns at most."""
     lines = [*_heading(validation), "", *_closed_loop(validation), "", *_distortion(validation), ""]
     lines += [*_prediction(validation), ""]
@@ -58,7 +56,7 @@ def report_text(validation: Validation) -> str:
     return "\n".join(lines) + "\n"
 
 
-def report_values(validation: Validation) -> dict[str, Any]:
+def report_values(validation: JudgedMeasures) -> dict[str, Any]:
     """All numbers as plain values; values that are not finite are None."""
     model, data, residuals = validation.model, validation.data, validation.residuals
     loop, comparison = validation.closed_loop, validation.frequency
@@ -127,7 +125,7 @@ def report_values(validation: Validation) -> dict[str, Any]:
     return dict(plain(values))
 
 
-def advice(validation: Validation) -> list[str]:
+def advice(validation: JudgedMeasures) -> list[str]:
     """What to do about each condition that does not hold, in a sentence or two."""
     return [f"{one.name[:1].upper()}{one.name[1:]}: {one.finding}. {one.advice}." for one in validation.failed]
 
@@ -144,7 +142,7 @@ def _row(one: Condition) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
 
 
-def _heading(validation: Validation) -> list[str]:
+def _heading(validation: JudgedMeasures) -> list[str]:
     model, data = validation.model, validation.data
     unstable, count = len(model.unstable_poles()), len(data.experiments)
     experiments = f"{count} experiment{'s' if count > 1 else ''}"
@@ -157,7 +155,7 @@ def _heading(validation: Validation) -> list[str]:
     ]
 
 
-def _closed_loop(validation: Validation) -> list[str]:
+def _closed_loop(validation: JudgedMeasures) -> list[str]:
     loop = validation.closed_loop
     if loop is None:
         return ["CLOSED LOOP  not checked"]
@@ -174,7 +172,7 @@ def _closed_loop(validation: Validation) -> list[str]:
     ]
 
 
-def _possible(validation: Validation) -> list[tuple[str, Sequence[str]]]:
+def _possible(validation: JudgedMeasures) -> list[tuple[str, Sequence[str]]]:
     possible = validation.possible_fit
     if possible is None:
         return []
@@ -182,12 +180,12 @@ def _possible(validation: Validation) -> list[tuple[str, Sequence[str]]]:
     return [("fit that the noise allows (%)", [f"{fit:.2f} ± {spread:.2g}" for fit, spread in values])]
 
 
-def _distortion(validation: Validation) -> list[str]:
+def _distortion(validation: JudgedMeasures) -> list[str]:
     rows = ["DISTORTION   of these data; a linear loop does not follow it"]
     return rows + [line for text in validation.evidence.lines for line in _item(text)]
 
 
-def _prediction(validation: Validation) -> list[str]:
+def _prediction(validation: JudgedMeasures) -> list[str]:
     names = validation.model.output_names
     rows: list[tuple[str, Sequence[str]]] = [("", names)]
     for horizon in validation.horizons:
@@ -205,12 +203,12 @@ def _fits(values: NDArray[np.float64]) -> list[str]:
     return [fit_text(value).removesuffix(" %") for value in values]
 
 
-def _below_zero(validation: Validation) -> list[str]:
+def _below_zero(validation: JudgedMeasures) -> list[str]:
     """What a fit below 0 means, where one is shown."""
     return _item(BELOW_ZERO_MEANING) if shows_below_zero(validation) else []
 
 
-def _residuals(validation: Validation) -> list[str]:
+def _residuals(validation: JudgedMeasures) -> list[str]:
     tests, names = validation.residuals, validation.model.output_names
     units = ", ".join(dict.fromkeys(unit for unit in validation.model.output_units if unit))
     label = f"standard deviation ({units})" if units else "standard deviation"
@@ -229,7 +227,7 @@ def _residuals(validation: Validation) -> list[str]:
     return rows
 
 
-def _frequency(validation: Validation) -> list[str]:
+def _frequency(validation: JudgedMeasures) -> list[str]:
     comparison = validation.frequency
     source = "not estimated" if comparison.measured is None else comparison.measured.response.label
     open_loop = comparison.measured is not None and comparison.measured.open_loop
@@ -266,7 +264,7 @@ def _item(text: str) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
-def _by_output(validation: Validation, fit: Any) -> str:
+def _by_output(validation: JudgedMeasures, fit: Any) -> str:
     return ", ".join(
         f"{name} {fit_text(value)}" for name, value in zip(validation.model.output_names, fit, strict=True)
     )

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 
 CONFIDENCE = 0.999
 """Of the tests over all lags."""

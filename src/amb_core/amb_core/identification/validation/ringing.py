@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.validation.residuals import decorrelated
 from amb_core.identification.validation.verdict import SIGNIFICANT
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from amb_core.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.closed_loop import (
     DivergenceError,
     closed_loop_poles,
@@ -21,10 +21,10 @@ from amb_core.identification.closed_loop import (
     simulate_closed_loop,
 )
 from amb_core.identification.controller_state import start_of
-from amb_core.identification.validation.fit import nrmse_fit
+from amb_core.identification.fit import nrmse_fit
+from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
-from amb_core.model.state_space import StateSpaceModel
 
 
 @dataclass(frozen=True, eq=False)

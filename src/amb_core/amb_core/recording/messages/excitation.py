@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import ExcitationError
 from amb_core.excitation import (
     KINDS,
     Excitation,
@@ -16,6 +15,7 @@ from amb_core.excitation import (
     instantaneous_frequency,
 )
 from amb_core.excitation.playback import Playback
+from amb_core.ground.errors import ExcitationError
 from amb_core.loop.machine import Machine
 
 M = TypeVar("M", bound=Any)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from amb_core.errors import bounded
+from amb_core.ground.errors import bounded
 from amb_core.loop.experiments import AppliedExcitation
 
 LONGEST_KIND = 50  # characters

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import BagError, bounded
+from amb_core.ground.errors import BagError, bounded
 from amb_core.loop.machine import LONGEST_NAME
 from amb_core.loop.records import LoopRecord
 from amb_core.recording.messages.arrays import doubles

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import BagError
+from amb_core.ground.errors import BagError
 from amb_core.loop.records import PlantRecord
 from amb_core.recording.messages.arrays import doubles
 from amb_core.recording.messages.time_stamp import set_step_time, stamped_time

@@ -6,8 +6,8 @@ import json
 import math
 from typing import Any, TypeVar
 
-from amb_core.errors import RegionError
-from amb_core.parameters import declarations, validate
+from amb_core.ground.errors import RegionError
+from amb_core.ground.parameters import declarations, validate
 from amb_core.recording.messages.arrays import doubles
 from amb_core.regions.region_map import BOUNDARIES, Boundary, MapSettings, MapSweep, RegionMap
 

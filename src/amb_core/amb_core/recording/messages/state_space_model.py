@@ -6,8 +6,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from amb_core.errors import BagError
-from amb_core.model import StateSpaceModel
+from amb_core.ground.errors import BagError
+from amb_core.linear.model import StateSpaceModel
 from amb_core.recording.messages.arrays import doubles
 
 M = TypeVar("M", bound=Any)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.ground.units import UM
 from amb_core.regions import Region
 from amb_core.regions.region_map.confirmation import Direction
 from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep
 from amb_core.regions.region_map.region_map import RegionMap
-from amb_core.units import UM
 
 MOVED = 0.1  # relative change of a boundary above which a warning reports it
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from amb_core.errors import ExcitationError, RegionError, TaskError
 from amb_core.excitation.axes import factors_of
+from amb_core.ground.errors import ExcitationError, RegionError, TaskError
+from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import RegionParameters
@@ -19,7 +20,6 @@ from amb_core.regions.region_map.refinement import Refinement
 from amb_core.regions.region_map.region_map import RegionMap
 from amb_core.regions.region_map.settings import MapSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.tasks import Request, ResultCache, cache_folder, run
 
 
 @dataclass(frozen=True)

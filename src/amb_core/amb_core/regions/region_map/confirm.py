@@ -9,7 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from amb_core.errors import RegionError, TaskError
+from amb_core.ground.errors import RegionError, TaskError
+from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
@@ -21,7 +22,6 @@ from amb_core.regions.region_map.map_sweep import MapSweep
 from amb_core.regions.region_map.region_map import RegionMap
 from amb_core.regions.region_map.settings import ConfirmationSettings, MapSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.tasks import Request, ResultCache, cache_folder, run
 
 
 def confirm_map(

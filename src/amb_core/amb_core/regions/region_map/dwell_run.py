@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
 from amb_core.excitation.axes import factors_of
+from amb_core.ground.errors import RegionError
+from amb_core.ground.tasks.task import Task
 from amb_core.loop.control import PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
+from amb_core.plant.simulation import simulate
 from amb_core.regions import Classification, Region, RegionParameters, classify
 from amb_core.regions.region_map.settings import ConfirmationSettings
 from amb_core.regions.region_map.sweep_run import SweepTask
-from amb_core.simulation import simulate
-from amb_core.tasks.task import Task
 
 SHORTEST_REST = 0.5  # s, before every dwell: the mean position at rest is taken over the second half of it
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from amb_core.errors import AmbError, RegionError
+from amb_core.ground.errors import AmbError, RegionError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
+from amb_core.plant.simulation.parameters import CONTROLLER, loop_parameter_names, with_values
 from amb_core.regions import RegionParameters
 from amb_core.regions.region_map.build import MapJob, MapProgress, run_jobs
 from amb_core.regions.region_map.region_map import RegionMap
 from amb_core.regions.region_map.settings import MapSettings
-from amb_core.simulation.parameters import CONTROLLER, loop_parameter_names, with_values
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from amb_core.errors import RegionError
-from amb_core.files.regular_files import MIB, read_text, shown
+from amb_core.ground.errors import RegionError
+from amb_core.ground.files.regular_files import MIB, read_text, shown
 from amb_core.regions import Region
 from amb_core.regions.region_map.confirmation import Confirmation, confirmation_from_json, confirmation_to_json
 from amb_core.regions.region_map.map_sweep import BOUNDARIES, MapSweep, sweep_from_json, sweep_to_json

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import model_validator
 
 from amb_core.excitation import Sweep
-from amb_core.parameters import Parameters, choice, declarations, quantity
+from amb_core.ground.parameters import Parameters, choice, declarations, quantity
 
 
 class MapSettings(Parameters):

@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.errors import RegionError
 from amb_core.excitation import Sweep, generate
+from amb_core.ground.errors import RegionError
+from amb_core.ground.parameters import flatten, part_of
+from amb_core.ground.tasks.provenance import code_version
+from amb_core.ground.tasks.task import Task
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.parameters import flatten, part_of
 from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.data_files import file_checksums
+from amb_core.plant.simulation import simulate
 from amb_core.regions import Classification, RegionParameters, classify
 from amb_core.regions.region_map.map_sweep import Boundary, MapSweep, sweep_from_json, sweep_to_json
-from amb_core.simulation import simulate
-from amb_core.tasks.provenance import code_version, file_checksums
-from amb_core.tasks.task import Task
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,291 @@
+"""A connection to the nodes of a graph: services and actions as plain calls, with timeouts and clear errors."""
+
+from __future__ import annotations
+
+import math
+import time
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from rcl_interfaces.srv import GetParameters
+from rclpy.action import ActionClient
+from rclpy.context import Context
+from rclpy.executors import Executor
+from rclpy.experimental import EventsExecutor
+from rclpy.node import Node
+
+from amb_core.ground.errors import AmbError, bounded
+from amb_ros import interruptions, middleware
+from amb_ros.leaving import leave_graph_and_go_on
+from amb_ros.rejections import RejectionListener
+from amb_ros.requests import PendingRequest
+
+UNKNOWN = "; it may have been carried out: look at the state of the node before you ask again"
+RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less than the 10 s for which rclpy keeps results
+REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
+
+
+class ClientError(AmbError):
+    """A node of the graph is missing, does not answer in time, or refuses a request."""
+
+
+class NoAnswerError(ClientError):
+    """A request was sent, and is not answered in time: nobody knows whether it was carried out."""
+
+
+class GraphConnection:
+    """Calls services and actions of the nodes of one graph. Not for use from several threads at once.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the nodes.
+    timeout : float
+        Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
+    domain_id : int, optional
+        DDS domain of the graph; ROS_DOMAIN_ID by default.
+    nodes : sequence of str
+        The nodes of the graph, relative to the namespace.
+
+    Attributes
+    ----------
+    node : Node
+        The node behind the calls, for the user's own subscriptions; its callbacks run during calls and `wait_until`.
+
+    Raises
+    ------
+    ClientError
+        By every method, if a node is missing, does not answer within the timeout, or refuses.
+    """
+
+    def __init__(self, namespace: str, timeout: float, domain_id: int | None, nodes: Sequence[str]) -> None:
+        self.timeout = timeout
+        self._nodes = tuple(nodes)
+        self._context = Context()
+        middleware.configure()
+        with interruptions.held_back():
+            rclpy.init(context=self._context, domain_id=domain_id)
+            # It logs nothing, and several connections of one process would share one publisher of the log.
+            self.node = Node(
+                "amb_client",
+                namespace=namespace,
+                context=self._context,
+                start_parameter_services=False,
+                enable_rosout=False,
+            )
+            self._executor = EventsExecutor(context=self._context)
+            self._executor.add_node(self.node)
+        # Also for a client that is never closed: an open connection can crash the interpreter while it ends.
+        self._leave = weakref.finalize(self, _leave, self._executor, self.node, self._context)
+        self._clients: dict[str, Any] = {}
+        self._rejections: dict[str, RejectionListener] = {}  # by action
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the graph, within 5 s also if the middleware hangs."""
+        self._leave()
+
+    def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
+        """Wait until all nodes of the graph are available.
+
+        Parameters
+        ----------
+        check : callable, optional
+            Called while waiting; may raise an error, which ends the wait.
+        """
+        for name in self._nodes:
+            client = self.node.create_client(GetParameters, f"{name}/get_parameters")
+
+            def ready(client: Any = client) -> bool:
+                check()
+                return bool(client.service_is_ready())
+
+            self.wait_until(ready, complaint=f"node {name} did not appear; is it running?")
+            self.node.destroy_client(client)
+
+    def wait_until(
+        self, condition: Callable[[], bool], timeout: float | None = None, complaint: str = "timed out"
+    ) -> None:
+        """Process messages until a condition holds.
+
+        Parameters
+        ----------
+        condition : callable
+            Returns whether it holds.
+        timeout : float, optional
+            Longest wait (s); that of the connection by default.
+        complaint : str, optional
+            Text of the error after it.
+
+        Raises
+        ------
+        ClientError
+            If the condition does not hold in time.
+        """
+        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+        while not condition():
+            if time.monotonic() > deadline:
+                raise ClientError(complaint)
+            self.spin_once(0.05)
+
+    def spin_once(self, timeout: float = 0.1) -> None:
+        """Process the next message.
+
+        Parameters
+        ----------
+        timeout : float, optional
+            Longest wait for it (s).
+        """
+        with interruptions.held_back():
+            self._executor.spin_once(timeout_sec=timeout)
+
+    def call(
+        self,
+        service: Any,
+        name: str,
+        /,
+        *,
+        timeout: float | None = None,
+        repeat_after: float = math.inf,
+        **fields: Any,
+    ) -> Any:
+        """Call a service.
+
+        Parameters
+        ----------
+        service : type
+            Type of the service.
+        name : str
+            Its name, relative to the namespace.
+        timeout : float, optional
+            Longest wait for the answer (s); that of the connection by default.
+        repeat_after : float, optional
+            Time without an answer after which the request is sent again, because it is idempotent (s); twice as long
+            every time. Others are sent once: the node may have carried out what it has not answered.
+        **fields : object
+            Fields of the request.
+
+        Returns
+        -------
+        service response
+            The answer, of the type of the service.
+
+        Raises
+        ------
+        NoAnswerError
+            If the answer does not come in time.
+        ClientError
+            If the node is missing or refuses the request.
+        """
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service, name)
+        client = self._clients[name]
+        full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, fields)
+        wait = self.timeout if timeout is None else timeout
+        self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
+        pending = PendingRequest(client, service.Request(**fields), repeat_after)
+        try:
+            self.wait_until(lambda: pending.answer() is not None, wait)
+            answer = pending.answer()
+        except ClientError:
+            unknown = "" if math.isfinite(repeat_after) else UNKNOWN
+            raise NoAnswerError(f"no answer from {full_name} within {wait:g} s{unknown}") from None
+        finally:
+            pending.forget()
+        if not answer.success:
+            raise ClientError(f"{full_name}: {answer.message}")
+        return answer
+
+    def act(
+        self, action: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], cancelled: Callable[[], bool]
+    ) -> Any:
+        """Send a goal to an action and wait for its result without a time limit, or until its node has ended.
+
+        Parameters
+        ----------
+        action : type
+            Type of the action.
+        name : str
+            Its name, relative to the namespace.
+        goal : action goal
+            The goal, of that type.
+        on_feedback : callable
+            Called with every feedback message.
+        cancelled : callable
+            Called while waiting; when it returns true the goal is cancelled. The result may then be without `success`.
+
+        Returns
+        -------
+        action result
+            The result, of the type of the action.
+
+        Raises
+        ------
+        ClientError
+            If the action is missing, refuses the goal or fails, or its node ends.
+        """
+        if name not in self._clients:
+            self._clients[name] = ActionClient(self.node, action, name)
+            self._rejections[name] = RejectionListener(self.node, name)
+        client = self._clients[name]
+        full_name = self.node.resolve_service_name(name)
+        refuse_cut_texts(full_name, {field: getattr(goal, field) for field in goal.get_fields_and_field_types()})
+        self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
+        self._rejections[name].forget(goal)
+        accepted = client.send_goal_async(goal, on_feedback)
+        self.wait_until(accepted.done, complaint=f"no answer from {full_name} within {self.timeout:g} s{UNKNOWN}")
+        handle = accepted.result()
+        if not handle.accepted:
+            raise ClientError(f"{full_name}: {self._reason(name, goal)}")
+        asked = [handle.get_result_async()]
+        ask_again = time.monotonic() + RESULT_PERIOD
+        cancelling = False
+        while (ended := next((future for future in asked if future.done()), None)) is None:
+            if not client.server_is_ready():
+                raise ClientError(f"{full_name}: its node has ended")
+            if not cancelling and cancelled():
+                handle.cancel_goal_async()
+                cancelling = True
+            if time.monotonic() > ask_again:  # the answer may be lost, or the node has been started again
+                asked.append(handle.get_result_async())
+                ask_again = time.monotonic() + RESULT_PERIOD
+            self.spin_once()
+        if ended.result().status == GoalStatus.STATUS_UNKNOWN:
+            raise ClientError(f"{full_name}: its node has been started again, and does not know the goal any more")
+        result = ended.result().result
+        if not result.success and not cancelling:
+            raise ClientError(f"{full_name}: {result.message}")
+        return result
+
+    def _reason(self, name: str, goal: Any) -> str:
+        """Why an action has rejected a goal; its node publishes that before the rejection, on a separate topic."""
+        heard = self._rejections[name]
+        try:
+            self.wait_until(lambda: heard.reason(goal) is not None, REASON_TIMEOUT)
+        except ClientError:
+            return "the goal was rejected; see the log of its node"
+        return str(heard.reason(goal))
+
+
+def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
+    """Raise ClientError for a text with a NUL character: rclpy sends it up to there, and no node can see that."""
+    for field, value in fields.items():
+        if isinstance(value, str) and "\0" in value:
+            raise ClientError(f"{name}: {field} = {bounded(repr(value), 200)} has a NUL character; allowed: none")
+
+
+def _leave(executor: Executor, node: Node, context: Context) -> None:
+    with interruptions.held_back():
+        leave_graph_and_go_on(context, executor, node)

@@ -1,0 +1,146 @@
+"""The services and messages of the region monitor as plain calls: the present region, and region maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from amb_bringup.client.connection import ClientError, GraphConnection
+from amb_bringup.client.request_fields import absolute, known_settings
+from amb_core.recording.messages.region_map import region_map_from_message
+from amb_core.recording.messages.region_state import region_state_from_message
+from amb_msgs.action import BuildMap
+from amb_msgs.msg import RegionState as RegionStateMessage
+from amb_ros import topics
+from amb_ros.qos import HISTORY
+from amb_ros.subscriptions import create_subscription
+
+if TYPE_CHECKING:
+    from amb_core.regions import Region, RegionState
+    from amb_core.regions.region_map import MapProgress, RegionMap
+
+
+class RegionCalls(GraphConnection):
+    """Calls the node region_monitor, and listens to it."""
+
+    _run = 0  # number of the present run
+    _region: RegionStateMessage | None = None
+    _region_subscription: Any = None  # made at the first request for regions
+
+    def use_run(self, run: int) -> None:
+        """Take a later run for the present one.
+
+        Parameters
+        ----------
+        run : int
+            Number of the run; an earlier one than the present is ignored.
+        """
+        self._run = max(self._run, run)
+
+    def region_state(self) -> RegionState:
+        """The region in which the bearing runs, with its features; waits for the first message of the monitor.
+
+        Returns
+        -------
+        RegionState
+            The latest state that the region monitor has published.
+        """
+        self._listen_to_regions()
+        self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
+        return region_state_from_message(self._region)
+
+    def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
+        """Wait until the rotor is in a region in the present run.
+
+        Parameters
+        ----------
+        region : Region
+            The region.
+        timeout : float, optional
+            Longest wait (s); that of the connection by default.
+
+        Returns
+        -------
+        RegionState
+            The state in which the region was reached.
+        """
+        self._listen_to_regions()
+
+        def reached() -> bool:
+            return self._region is not None and (self._region.run, self._region.region) == (self._run, region)
+
+        self.wait_until(reached, timeout, f"the rotor did not enter region {region.name}")
+        return region_state_from_message(self._region)
+
+    def build_map(
+        self,
+        parameter_file: str | Path = "",
+        path: str | Path = "",
+        progress: Callable[[MapProgress], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+        **settings: Any,
+    ) -> RegionMap:
+        """Build a region map, by default that of the running loop.
+
+        Parameters
+        ----------
+        parameter_file : str or Path, optional
+            ROS parameter file with another plant and controller.
+        path : str or Path, optional
+            File for the map.
+        progress : callable, optional
+            Called with a `MapProgress` whenever a sweep has finished. None for no calls.
+        cancelled : callable, optional
+            Called while waiting; when it returns true the goal is cancelled. Finished sweeps stay in the cache. None if
+            it cannot be cancelled.
+        **settings : object
+            As in `amb_core.regions.region_map.MapSettings`, SI units; missing ones take their defaults.
+
+        Returns
+        -------
+        RegionMap
+            After a cancellation the map of the finished sweeps, which is not `complete`.
+
+        Raises
+        ------
+        ClientError
+            If the monitor is missing, refuses, or the map fails.
+        """
+        from amb_core.regions.region_map import MapProgress
+
+        def on_feedback(message: Any) -> None:
+            told = message.feedback
+            if progress is not None:
+                region_map = region_map_from_message(told.map) if told.map.amplitude else None
+                progress(MapProgress(told.done, told.total, told.reused, region_map))
+
+        goal = BuildMap.Goal(
+            **known_settings(BuildMap.Goal, settings),
+            parameter_file=absolute(parameter_file),
+            path=absolute(path),
+        )
+        result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
+        if not result.map.amplitude:
+            raise ClientError(result.message)
+        return region_map_from_message(result.map)
+
+    def heard_region(self) -> RegionStateMessage | None:
+        """The last region state of the present run, without waiting; None before the first one.
+
+        Returns
+        -------
+        RegionStateMessage or None
+            The message of the region monitor.
+        """
+        self._listen_to_regions()
+        return self._region if self._region is not None and self._region.run == self._run else None
+
+    def _listen_to_regions(self) -> None:
+        if self._region_subscription is None:
+            self._region_subscription = create_subscription(
+                self.node, RegionStateMessage, topics.REGION, self._on_region, HISTORY
+            )
+
+    def _on_region(self, message: RegionStateMessage) -> None:
+        self._region = message

@@ -1,0 +1,125 @@
+"""The paper's main experiment over ROS topics: levitate, shake with square waves, record, identify, validate.
+
+The graph runs as separate processes. The same scenario is run a second time and once more without ROS; all three must
+give the same samples bit for bit.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, Progress
+from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph
+from amb_core.excitation import Square, generate
+from amb_core.identification import StateSpaceModel, simulate_closed_loop
+from amb_core.linear.step_response import fit_step_response
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant.simulation import simulate
+from amb_core.report.figures import save_loop_figures
+
+SMALL_STEP = Square(amplitude=1e-6, duration=0.2, frequency=1.0, axes="x")
+SQUARES = Square(amplitude=50e-6, duration=4.0, axes="in_turn")
+ORDER = 10
+
+
+@dataclass(frozen=True)
+class DemoSummary:
+    """Results of the demo; `results/demo/summary.json`.
+
+    Fits are closed-loop NRMSE fits in percent with offsets included; natural frequency and damping ratio are those of
+    the simulated loop for a step of 1 um on x; the sag is that of the settled rotor (um).
+    """
+
+    steps: int
+    wall_s: float
+    steps_per_s: float
+    order: int
+    fit_x: float
+    fit_y: float
+    unstable_poles: int
+    closed_loop_natural_hz: float
+    damping_ratio: float
+    sag_um: float
+    bit_identical: bool
+    processes: int
+
+
+def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> DemoSummary:
+    """Run the demo and write bag, model.json, summary.json and the figures to a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Must be empty or not exist.
+    parameter_file : Path
+        Parameters of all nodes.
+    domain_id : int
+        DDS domain in which the graph is started.
+    progress : callable
+        See `Progress`.
+
+    Raises
+    ------
+    AmbError
+        If a node fails, or the rotor delevitates.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    experiments = [
+        Experiment("small step", SMALL_STEP),
+        Experiment("square waves", SQUARES),
+        Experiment("square waves again", SQUARES),
+    ]
+    done = run_graph(experiments, ORDER, folder, parameter_file, domain_id, progress)
+    recording, model = done.recording, done.model
+    small, first, second = done.runs
+    record = recording.telemetry(first)
+    reference = _without_ros(parameter_file, progress)
+    identical = record.identical_to(reference) and recording.telemetry(second).identical_to(reference)
+    poles = fit_step_response(after_settling(recording.telemetry(small)).position[:, 0], record.sample_time)
+    experiment = after_settling(record)
+    progress("figures", 0, 1)
+    _write_results(folder, model, experiment, controller_of(parameter_file))
+    progress("figures", 1, 1)
+    summary = DemoSummary(
+        steps=done.steps,
+        wall_s=done.wall,
+        steps_per_s=done.steps / done.wall,
+        order=model.order,
+        fit_x=float(model.fit[0]),
+        fit_y=float(model.fit[1]),
+        unstable_poles=len(model.unstable_poles()),
+        closed_loop_natural_hz=poles.natural_hz,
+        damping_ratio=poles.damping_ratio,
+        sag_um=-1e6 * float(record.position[SETTLING_STEPS - 100 : SETTLING_STEPS, 1].mean()),
+        bit_identical=identical,
+        processes=done.processes,
+    )
+    (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
+    return summary
+
+
+def _without_ros(parameter_file: Path, progress: Progress) -> LoopRecord:
+    controller = controller_of(parameter_file)
+    signal = generate(SQUARES, controller.sample_rate)
+    steps = SETTLING_STEPS + signal.steps
+    return simulate(
+        plant_of(parameter_file),
+        PdController(controller),
+        steps,
+        signal.samples,
+        SETTLING_STEPS,
+        lambda step: progress("without ROS", step, steps),
+    )
+
+
+def _write_results(
+    folder: Path, model: StateSpaceModel, experiment: LoopRecord, controller: ControllerParameters
+) -> None:
+    model.save(folder / "model.json")
+    simulation = simulate_closed_loop(
+        model, controller, experiment.reference, experiment.first_step, experiment.current[0]
+    )
+    save_loop_figures(folder, experiment, simulation)

@@ -1,0 +1,1 @@
+"""Experiments and commissioning on a running graph."""

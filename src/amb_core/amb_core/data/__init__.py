@@ -1,0 +1,1 @@
+"""Measured data: tables, experiments for identification, and what recordings contain."""

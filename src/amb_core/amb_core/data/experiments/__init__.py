@@ -1,0 +1,38 @@
+"""Data for identification: experiments, their conditioning, checks and files."""
+
+from amb_core.data.experiments.checks import DataReport, Finding, Severity, check_data
+from amb_core.data.experiments.conditioning import advance_inputs, decimate, detrend, restore, split_at_invalid
+from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.description import DataDescription
+from amb_core.data.experiments.drift import cure_drift, high_pass
+from amb_core.data.experiments.experiment import Experiment
+from amb_core.data.experiments.files import write_data, written_data
+from amb_core.data.experiments.gap import Gap
+from amb_core.data.experiments.interpret import DescribedData, SignalRow, describe_table
+from amb_core.data.experiments.merging import merge
+from amb_core.data.experiments.recorded_loop import RecordedLoop
+
+__all__ = [
+    "DataDescription",
+    "DataReport",
+    "DescribedData",
+    "Experiment",
+    "Finding",
+    "Gap",
+    "IdentificationData",
+    "RecordedLoop",
+    "Severity",
+    "SignalRow",
+    "advance_inputs",
+    "check_data",
+    "cure_drift",
+    "decimate",
+    "describe_table",
+    "detrend",
+    "high_pass",
+    "merge",
+    "restore",
+    "split_at_invalid",
+    "write_data",
+    "written_data",
+]

@@ -1,0 +1,166 @@
+"""A table: columns of numbers of one length, with the names and units that their file gives them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.ground.errors import IdentificationError
+
+_PARTS = (
+    re.compile(r"^(?P<name>.+?)\s*\[(?P<unit>(?!(?:\d+|[xyz]\w*)\])[^\]]*)\]$"),  # but position[x] is the axis x
+    re.compile(r"^(?P<name>.+?)\s*\((?P<unit>[^)]*)\)$"),
+    re.compile(r"^(?P<name>.+?)\s+/\s*(?P<unit>\S+)$"),
+)
+# Only units that are no word of their own: `coil_A` is a coil, `x_min` a minimum.
+_SUFFIX = re.compile(r"^(?P<name>.+)_(?P<unit>[munµμ]m|[muµμ]A|[munµμ]s|mil)$")
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """A signal of a table.
+
+    Attributes
+    ----------
+    name : str
+        Name as the file has it, without the unit.
+    values : ndarray, shape (rows,)
+        The numbers, in the unit of the file; NaN where one is missing.
+    unit : str
+        As the file has it; empty where it has none.
+    source : str
+        Variable or topic that the column is part of, empty for a table that is one matrix or text.
+    named : bool
+        Whether the file names the column; False if its name is only its place.
+    heading : str
+        Its name in the file, where a description gives it another; otherwise empty.
+    """
+
+    name: str
+    values: NDArray[np.float64]
+    unit: str = ""
+    source: str = ""
+    named: bool = True
+    heading: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of one length.
+
+    Attributes
+    ----------
+    path : str
+        Where it comes from, for messages.
+    columns : tuple of Column
+        At least one.
+    sample_time : float or None
+        Sample time (s), if the file has it beside the columns. None otherwise.
+    notes : tuple of str
+        What was understood that is not plain from the columns.
+    about : mapping or None
+        What a text of `write_data` has beside the columns; None for another one.
+    """
+
+    path: str
+    columns: tuple[Column, ...]
+    sample_time: float | None = None
+    notes: tuple[str, ...] = ()
+    about: Mapping[str, Any] | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.columns[0].values)
+
+    @property
+    def names(self) -> str:
+        """All names, for messages."""
+        names = [column.name for column in self.columns]
+        shown = ", ".join(names[:40])
+        return shown if len(names) <= 40 else f"{shown} and {len(names) - 40} more"
+
+    def find(self, wanted: str, option: str) -> list[Column]:
+        """The columns that a name of a user means: a name, the end of one, a variable, or numbers from 0 as 0-3.
+
+        Parameters
+        ----------
+        wanted : str
+            What the user wrote.
+        option : str
+            Option of the command that it was written for, for messages.
+
+        Returns
+        -------
+        list of Column
+            At least one column.
+
+        Raises
+        ------
+        IdentificationError
+            If there is none, or more than one.
+        """
+        for match in (_exact, _without_case, _ending, _variable):
+            found = match(self.columns, wanted)
+            if len(found) == 1 or (found and match is _variable):
+                return found
+            if found:
+                names = ", ".join(column.name for column in found)
+                raise IdentificationError(f"--{option} {wanted} may be {names}; write more of its name")
+        numbers = re.fullmatch(r"(\d+)(?:-(\d+))?", wanted)
+        if not numbers:
+            raise IdentificationError(f"--{option}: there must be one column {wanted!r}; there are {self.names}")
+        if len({column.source for column in self.columns}) > 1:
+            raise IdentificationError(
+                f"--{option} {wanted} is a number, but there are several matrices; name one with --variable: "
+                + ", ".join(dict.fromkeys(column.source for column in self.columns))
+            )
+        first, last = int(numbers[1]), int(numbers[2] or numbers[1])
+        if last >= len(self.columns) or first > last:
+            raise IdentificationError(
+                f"--{option}: there is no column {max(first, last)}; allowed: 0 to {len(self.columns) - 1}"
+            )
+        return list(self.columns[first : last + 1])
+
+
+def split_unit(text: str) -> tuple[str, str]:
+    """Name and unit of a heading such as `i_x [A]`, `Time (s)`, `x / um` or `time_ms`; no unit is an empty one.
+
+    A name keeps the unit that it ends in: `time_ms` is the name of that column.
+    """
+    text = text.strip().strip('"').strip()
+    for pattern in _PARTS:
+        if found := pattern.match(text):
+            return found["name"].strip(), found["unit"].strip()
+    suffix = _SUFFIX.match(text)
+    return text, suffix["unit"] if suffix else ""
+
+
+def without_suffix(name: str) -> str:
+    """A name without the unit that it ends in: `time` for `time_ms`."""
+    suffix = _SUFFIX.match(name)
+    return suffix["name"] if suffix else name
+
+
+def _exact(columns: tuple[Column, ...], wanted: str) -> list[Column]:
+    return [column for column in columns if column.name == wanted]
+
+
+def _without_case(columns: tuple[Column, ...], wanted: str) -> list[Column]:
+    return [column for column in columns if column.name.casefold() == wanted.casefold()]
+
+
+def _ending(columns: tuple[Column, ...], wanted: str) -> list[Column]:
+    """Columns whose name ends in the wanted one, at a boundary of its parts: `position[x]` of `/rig.position[x]`."""
+    end = wanted.casefold()
+    found = [column for column in columns if column.name.casefold().endswith(end)]
+    return [column for column in found if len(column.name) > len(end) and column.name[-len(end) - 1] in "./ "]
+
+
+def _variable(columns: tuple[Column, ...], wanted: str) -> list[Column]:
+    return [column for column in columns if column.source == wanted]

@@ -1,0 +1,230 @@
+"""Text tables: comma, semicolon, tab or space between columns, decimal points or commas, headings in one or two rows.
+
+What separates columns and decimals is the choice in which most rows are numbers of one count of columns; where that
+leaves a doubt, the options `separator` and `decimal` decide.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.data.tables.table import Column, Table, split_unit
+from amb_core.data.tables.units import is_known
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.files.apart import read_apart
+from amb_core.ground.files.limits import LONGEST_LINE, MOST_COLUMNS
+from amb_core.ground.files.regular_files import open_regular
+
+SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "space": " "}
+DECIMALS = {"point": ".", "comma": ","}
+MISSING = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "nil", "inf", "-inf", "+inf"}
+WRITTEN = "# amb_core "
+"""Begins the first line of a text that this workbench has written; JSON of what its columns do not contain follows."""
+_COMMENTS = ("#", "%", "//", "!")
+_LOOKED_AT = 60  # rows from which the format is found
+
+Cells = list[list[str]]
+
+
+def read_text_table(path: Path, separator: str = "", decimal: str = "") -> Table:
+    """Read a text table in a child process; `separator` and `decimal` are words of `SEPARATORS` and `DECIMALS`.
+
+    Raises
+    ------
+    IdentificationError
+        If it has no rows of numbers, rows of different lengths, or more columns or longer lines than are allowed.
+    """
+    columns, notes, about = read_apart(f"{__name__}:columns_of_text", path, separator, decimal)
+    return Table(str(path), tuple(Column(*column) for column in columns), notes=tuple(notes), about=about)
+
+
+def columns_of_text(
+    path: str, separator: str, decimal: str
+) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str], dict[str, Any] | None]:
+    """As `read_text_table` in this process: the attributes of the columns, the notes, and the JSON of a written one."""
+    lines, cut, about = _lines(path)
+    mark, point = _format(lines, separator, decimal) if about is None else (",", ".")
+    rows = _cells(lines, mark)
+    # the one heading of a written text may be of numbers
+    data = [index for index, row in enumerate(rows) if _is_data(row, point) and (about is None or index)]
+    if not data:
+        raise IdentificationError(
+            "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
+        )
+    count = Counter(len(rows[index]) for index in data[-_LOOKED_AT:]).most_common(1)[0][0]
+    if count > MOST_COLUMNS:
+        raise IdentificationError(f"has {count} columns; allowed: at most {MOST_COLUMNS}")
+    first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
+    numbers = _numbers(rows[first:], count, point)
+    headings = _headings(rows[:first], count)
+    notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
+    if point == ",":
+        notes.append("decimal commas")
+    if cut or len(numbers) < len(rows) - first:
+        notes.append("the last row is cut off and was left out")
+    columns = []
+    for index in range(count):
+        if index < len(headings):
+            name, unit = headings[index]
+            columns.append((name or f"column {index}", numbers[:, index], unit, "", bool(name)))
+        else:
+            columns.append((f"column {index}", numbers[:, index], "", "", False))
+    return columns, notes, about
+
+
+def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
+    """The lines without comments, whether the last one was cut off and is left out, and the JSON of a written text."""
+    with open_regular(path) as file:
+        content = file.read()
+    encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        text = content.decode("cp1252", errors="replace")  # as spreadsheets of older systems write
+    if "\x00" in text:
+        raise IdentificationError("is not a text; files of numbers end in .csv, .mat, .npz or .parquet")
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    if not lines:
+        raise IdentificationError("is empty: there must be rows of numbers, below the names of the columns")
+    if longest := max(map(len, lines)) // LONGEST_LINE:
+        raise IdentificationError(f"has a line of {longest} MiB; allowed: rows of at most {MOST_COLUMNS} numbers")
+    before = lines[-_LOOKED_AT:-1]
+    cut = bool(before) and not text.endswith(("\n", "\r")) and len(lines[-1]) < min(map(len, before)) - 1
+    about = json.loads(text.splitlines()[0].removeprefix(WRITTEN)) if text.startswith(WRITTEN) else None
+    return (lines[:-1] if cut else lines), cut, about
+
+
+def _format(lines: Sequence[str], separator: str, decimal: str) -> tuple[str, str]:
+    """What separates columns and decimals: as given, or in what most rows at the end are numbers."""
+    marks = [_of(SEPARATORS, separator, "separator")] if separator else list(SEPARATORS.values())
+    points = [_of(DECIMALS, decimal, "decimal")] if decimal else list(DECIMALS.values())
+    sample = lines[-_LOOKED_AT:]
+    best, choice = -1.0, (marks[0], points[0])
+    for mark in marks:
+        rows = _cells(sample, mark)
+        for point in points:
+            if mark == point and not any('"' in line for line in sample):
+                continue
+            good = [len(row) for row in rows if _is_data(row, point)]
+            if not good:
+                continue
+            width = Counter(good).most_common(1)[0]
+            score = width[1] / len(rows) + (0.5 if width[0] > 1 else 0.0) + 1e-3 * width[0]
+            if score > best + 1e-9:
+                best, choice = score, (mark, point)
+    mark, point = choice
+    if not separator and not decimal and mark == "," and best >= 0.0:
+        _refuse_ambiguous(lines)
+    return choice
+
+
+def _refuse_ambiguous(lines: Sequence[str]) -> None:
+    """Refuse commas that may separate columns or decimals: twice as many columns of numbers as names."""
+    rows = _cells(lines, ",")
+    first = next((index for index, row in enumerate(rows) if _is_data(row, ".")), 0)
+    if first and len(rows[first - 1]) >= 2 and len(rows[first]) == 2 * len(rows[first - 1]):
+        raise IdentificationError(
+            f"{len(rows[first - 1])} names stand above {len(rows[first])} numbers: commas may separate columns and "
+            "decimals; save the file with other separators (--separator semicolon --decimal comma), or quoted"
+        )
+
+
+def _cells(lines: Sequence[str], mark: str) -> Cells:
+    if mark == " ":
+        return [line.split() for line in lines]
+    rows = csv.reader(io.StringIO("\n".join(lines)), delimiter=mark, skipinitialspace=True)
+    cells = [[cell.strip() for cell in row] for row in rows]
+    ends = [row[:-1] if len(row) > 1 and not row[-1] else row for row in cells]  # a separator at the end of each row
+    return ends if all(len(row) > 1 and not row[-1] for row in cells[-5:]) else cells
+
+
+def _is_data(row: Sequence[str], point: str) -> bool:
+    """Whether a row is of numbers: at least one, and no more texts than numbers."""
+    numbers = sum(_number(cell, point) is not None and cell.lower() not in MISSING for cell in row)
+    texts = sum(_number(cell, point) is None for cell in row)
+    return numbers > 0 and texts <= numbers
+
+
+def _number(cell: str, point: str) -> float | None:
+    """A number, NaN for a missing one, None for a text."""
+    if cell.lower() in MISSING:
+        return np.nan
+    if point == ",":
+        if "." in cell:
+            return None
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return _clock(cell)
+
+
+def _clock(cell: str) -> float | None:
+    """Seconds of a date and time in ISO 8601 since 1970; None for another text."""
+    if len(cell) < 16 or not cell[:4].isdigit():
+        return None
+    try:
+        return float(np.datetime64(cell.rstrip("Z").replace(" ", "T"), "ns").astype(np.int64)) * 1e-9
+    except ValueError:
+        return None
+
+
+def _numbers(rows: Cells, count: int, point: str) -> NDArray[np.float64]:
+    wrong = next((index for index, row in enumerate(rows) if len(row) != count), None)
+    if wrong is not None and wrong == len(rows) - 1 and len(rows) > 2:
+        rows = rows[:-1]  # the record was cut off within its last row
+        wrong = None
+    if wrong is not None:
+        raise IdentificationError(
+            f"is damaged: row {wrong + 1} of the numbers has {len(rows[wrong])} columns, the others {count}; "
+            "name what separates them with --separator, --decimal"
+        )
+    try:
+        if point == ".":
+            return np.array(rows, dtype=np.float64)  # all numbers, which is the rule
+    except ValueError:
+        pass
+    numbers = np.empty((len(rows), count))
+    for index in range(count):
+        values = [_number(row[index], point) for row in rows]
+        texts = [row[index] for row, value in zip(rows, values, strict=True) if value is None]
+        if texts and 2 * len(texts) < len(rows):
+            raise IdentificationError(
+                f"column {index}: could not convert string {texts[0]!r} to a number; correct it, or leave it empty"
+            )
+        numbers[:, index] = [np.nan if value is None else value for value in values]
+    return numbers
+
+
+def _headings(rows: Cells, count: int) -> list[tuple[str, str]]:
+    """Name and unit of each column from the rows above the numbers, of which the last may hold units only."""
+    rows = [row for row in rows if len(row) == count or (len(row) == count - 1 and len(row) > 1)]
+    if not rows:
+        return []
+    units = [_bare(cell) for cell in rows[-1]]
+    if len(rows) > 1 and all(not unit or is_known(unit) or unit == "-" for unit in units) and any(units):
+        return [(split_unit(name)[0], "" if unit == "-" else unit) for name, unit in zip(rows[-2], units, strict=False)]
+    return [split_unit(cell) for cell in rows[-1]]
+
+
+def _bare(cell: str) -> str:
+    return cell.strip().strip("[]()").strip()
+
+
+def _of(words: dict[str, str], word: str, option: str) -> str:
+    if word not in words and word not in words.values():
+        raise IdentificationError(f"--{option} {word} is not allowed; allowed: {', '.join(words)}")
+    return words.get(word, word)
+
+
+def _name(words: dict[str, str], mark: str) -> str:
+    return next(name for name, known in words.items() if known == mark)

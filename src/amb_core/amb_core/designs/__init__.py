@@ -1,0 +1,1 @@
+"""Designs: excitations that a bearing bears in region A, and gains that levitate it."""

@@ -1,0 +1,117 @@
+"""A bearing designed to levitate: its plant, gains that hold it, and the proof of both in simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from amb_core.designs.tuning.bearing import Bearing, plant_of
+from amb_core.designs.tuning.gains import HIGHEST_PEAK, Tuned, candidates, centred, result_of, tune
+from amb_core.designs.tuning.levitation import LiftOff, lift_off
+from amb_core.designs.tuning.loop_family import LoopFamily
+from amb_core.designs.tuning.reasons import reason, require_lift_off
+from amb_core.designs.tuning.sizing import Sizing, require_flux
+from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
+from amb_core.loop.control import ControllerParameters
+from amb_core.plant import Plant, PlantParameters, linearize
+
+TRIED = 8
+"""Gains of the wide grid that are simulated if the first do not lift the rotor off."""
+
+
+@dataclass(frozen=True)
+class BearingDesign:
+    """A bearing that levitates.
+
+    Attributes
+    ----------
+    bearing : Bearing
+        The numbers it was made of.
+    plant : PlantParameters
+        Its plant.
+    tuned : Tuned
+        Its gains, and their loop.
+    lift_off : LiftOff
+        How the rotor rose in the nonlinear simulation.
+    lift_off_current : float
+        Control current that just lifts the rotor off the backup bearing (A).
+    sizing : Sizing
+        What it can do by closed forms.
+    """
+
+    bearing: Bearing
+    plant: PlantParameters
+    tuned: Tuned
+    lift_off: LiftOff
+    lift_off_current: float
+    sizing: Sizing
+
+
+def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> BearingDesign:
+    """The plant of a bearing, with PD gains that lift its rotor off and hold it with a low peak sensitivity.
+
+    Parameters
+    ----------
+    bearing : Bearing
+        The bearing.
+    highest_peak : float, optional
+        Largest peak sensitivity (-).
+
+    Returns
+    -------
+    BearingDesign
+        Plant, gains, and how the rotor lifts off.
+
+    Raises
+    ------
+    PlantError
+        If no PD gains do, with the part of the bearing that is the reason.
+    """
+    parameters = plant_of(bearing)
+    sizing = require_flux(parameters)
+    values = {"sample_rate": bearing.sample_rate, "current_limit": bearing.control_current_limit}
+    controller = validate(ControllerParameters, values)
+    lifting = require_lift_off(parameters, controller)
+    tuned = tune(parameters, controller, highest_peak)
+    if tuned is None:
+        raise PlantError(f"no PD gains stabilise this bearing: {reason(parameters, controller, highest_peak)}")
+    if tuned.peak_sensitivity > highest_peak:
+        raise PlantError(
+            f"no PD gains of this bearing have a peak sensitivity of at most {highest_peak:g}; the lowest is "
+            f"{tuned.peak_sensitivity:.3g}: {reason(parameters, controller, highest_peak)}"
+        )
+    for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
+        risen = lift_off(parameters, trial.controller)
+        if risen is not None and risen.levitated:
+            return BearingDesign(bearing, parameters, trial, risen, lifting, sizing)
+    raise PlantError(_why_it_stays_down(bearing, parameters, tuned, highest_peak))
+
+
+def _others(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> Iterator[Tuned]:
+    """Other gains with low peaks, evenly chosen from the least to the most derivative action."""
+    plant = Plant(parameters)
+    family = LoopFamily(linearize(plant, centred(parameters, tuned.controller), np.zeros(2)))
+    pairs = candidates(plant, family, highest_peak)
+    chosen = sorted({round(place) for place in np.linspace(0, len(pairs) - 1, TRIED)}) if pairs else []
+    for place in chosen:
+        try:
+            trial = result_of(plant, family, pairs[place])
+        except PlantError:  # with these gains the rotor would rest somewhere else
+            continue
+        if trial.peak_sensitivity <= highest_peak:
+            yield trial
+
+
+def _why_it_stays_down(bearing: Bearing, parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> str:
+    """Whether ten times the voltage lifts the rotor off with the same gains."""
+    faster = plant_of(bearing.model_copy(update={"voltage": min(10.0 * bearing.voltage, 5000.0)}))
+    text = "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
+    for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
+        risen = lift_off(faster, trial.controller)
+        if risen is not None and risen.levitated:
+            return f"{text}amplifier too slow: {bearing.voltage:g} V do not change the coil currents fast enough"
+    return f"{text}the control current is limited to {tuned.controller.current_limit:.3g} A"

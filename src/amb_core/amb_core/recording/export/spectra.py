@@ -1,0 +1,99 @@
+"""Spectra of the positions of a run while its samples pass by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.loop.records import LoopRecord
+from amb_core.recording.export.run_telemetry import RunTelemetry
+from amb_core.recording.live.spectrum import RunningSpectrum
+
+LENGTH = 8192
+"""Samples of one spectrum; fewer, a power of two, if no stretch of the run has as many."""
+SHORTEST = 256
+
+
+class Spectrum(NamedTuple):
+    """Peak amplitudes of the lines of some samples.
+
+    Attributes
+    ----------
+    step : int
+        Step after the last of these samples.
+    frequency : ndarray, shape (points,)
+        Upper end of the range of frequencies of each point (Hz).
+    amplitude : ndarray, shape (points, axes)
+        The largest peak amplitude in this range (m).
+    """
+
+    step: int
+    frequency: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+
+
+class RunSpectra:
+    """Spectra of the last `length` samples, one for every half of them; none over a gap.
+
+    Parameters
+    ----------
+    axes : int
+        Number of axes.
+    sample_time : float
+        Sample time (s).
+    length : int, optional
+        Samples of one spectrum; 0 for no spectra.
+
+    Attributes
+    ----------
+    length : int
+        Samples of one spectrum; 0 for no spectra, of a run that is too short.
+    peak : Spectrum or None
+        The largest amplitude of each point in all spectra so far.
+    """
+
+    def __init__(self, axes: int, sample_time: float, length: int = LENGTH) -> None:
+        self.length = length
+        self.peak: Spectrum | None = None
+        self._running = RunningSpectrum(axes, sample_time, length) if length else None
+        self._next = self._since = 0
+
+    @classmethod
+    def of(cls, telemetry: RunTelemetry) -> RunSpectra:
+        """Those of a run, as long as its longest stretch allows."""
+        longest = max(stop - first for first, stop in telemetry.spans)
+        length = min(LENGTH, 1 << (longest.bit_length() - 1)) if longest >= SHORTEST else 0
+        return cls(len(telemetry.axes), telemetry.sample_time, length)
+
+    def add(self, record: LoopRecord) -> Iterator[Spectrum]:
+        """Take in the next samples of the run, and give the spectra that they complete."""
+        if self._running is None:
+            return
+        if record.first_step != self._next:
+            self._running.clear()
+            self._since = 0
+        self._next = record.first_step + record.steps
+        start, half = 0, self.length // 2
+        while start < record.steps:
+            count = min(half - self._since, record.steps - start)
+            self._running.add(record.position[start : start + count])
+            start, self._since = start + count, self._since + count
+            if self._since == half:
+                self._since = 0
+                if self._running.ready:
+                    yield self._spectrum(record.first_step + start)
+
+    def take(self, record: LoopRecord) -> None:
+        """Take in the next samples, where only the `peak` of all spectra is wanted."""
+        for _ in self.add(record):
+            pass
+
+    def _spectrum(self, step: int) -> Spectrum:
+        assert self._running is not None
+        found = Spectrum(step, self._running.frequency, self._running.amplitude())
+        highest = found.amplitude if self.peak is None else np.fmax(self.peak.amplitude, found.amplitude)
+        self.peak = Spectrum(step, found.frequency, highest)
+        return found

@@ -1,0 +1,248 @@
+"""A certificate as a page: the verdict first, then what it rests on."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal
+
+from amb_core.ground.errors import AmbError
+from amb_core.report.figures.robustness import mu_chart, sensitivity_chart
+from amb_core.report.pages.certificate_trace import header_table, signature_section, trace_section
+from amb_core.report.pages.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
+from amb_core.report.pages.writer import write_report
+from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.certificate import Certificate, Statement
+from amb_core.robustness.certificate_json import certificate_json, compared_values
+from amb_core.robustness.margins import DiskMargin
+from amb_core.robustness.measured import MeasuredSensitivity
+
+SENSITIVITY = "Sensitivity"
+WORDS: dict[Statement, str] = {
+    "restricted": "not certified as a whole: a band only",
+    "predicted": "predicted, not certified",
+}
+
+
+def certificate_report(certificate: Certificate, title: str = "Robustness certificate") -> Report:
+    """The page of a certificate."""
+    rows = [(one.name, _result(one.passed), one.finding) for one in certificate.checks]
+    trace = certificate.trace
+    opening: list[Block] = [] if trace is None else [header_table(trace)]
+    opening.append(TableBlock(("check", "result", "finding"), rows, "Checks"))
+    opening += [Prose(f"Warning: {text}.") for text in certificate.warnings]
+    sections = []
+    if certificate.assessment is not None:
+        sections = robustness_sections(certificate)
+    sections.append(_inputs(certificate))
+    if trace is not None:
+        sections += [trace_section(trace), signature_section(trace)]
+    return Report(
+        title,
+        "What was checked, and what each check found. Sizes of the assumed perturbations and limits are at the end.",
+        opening,
+        sections,
+        "The same inputs give the same numbers: amb certify --again certificate.json computes them again.",
+        _strip(certificate),
+    )
+
+
+def write_certificate(certificate: Certificate, folder: str | Path) -> Path:
+    """Write certificate.html and certificate.json into a folder, which is made; returns the page.
+
+    Raises
+    ------
+    AmbError
+        If they cannot be written.
+    """
+    page = Path(folder) / "certificate.html"
+    write_report(certificate_report(certificate), page)
+    try:
+        page.with_suffix(".json").write_text(certificate_json(certificate))
+    except OSError as problem:
+        raise AmbError(f"{page.with_suffix('.json')}: cannot be written: {problem.strerror}") from None
+    return page
+
+
+def _result(passed: bool) -> Badge:
+    return Badge("passed", "good") if passed else Badge("failed", "bad")
+
+
+def _strip(certificate: Certificate) -> VerdictStrip:
+    """The verdict, and the peak sensitivity and zone of each axis."""
+    states: dict[Statement, Literal["good", "limited", "bad"]] = {"certified": "good", "not certified": "bad"}
+    outcome = Badge(
+        WORDS.get(certificate.statement, certificate.statement), states.get(certificate.statement, "limited")
+    )
+    found, numbers = certificate.assessment, []
+    if found is not None:
+        bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
+        for axis in found.axes:
+            one = bounds.get(axis.name)
+            value, zone = (one.sensitivity.value, one.zone) if one else (axis.sensitivity.value, axis.zone)
+            sure = f" with {100.0 * found.settings.confidence:g} %" if one else ""
+            numbers.append(
+                (f"peak sensitivity, {axis.name}{sure}", Badge(f"{value:.3f}, zone {zone}", section=SENSITIVITY))
+            )
+    return VerdictStrip(outcome, certificate.verdict, numbers)
+
+
+def robustness_sections(certificate: Certificate) -> list[Section]:
+    """The sections on sensitivity, margins and structured singular value."""
+    found = certificate.assessment
+    assert found is not None
+    return [_sensitivity(certificate, found), *_known(certificate), _margins(found), _structured(found)]
+
+
+def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
+    bounds = {item.name: item for item in found.bounds.axes} if found.bounds is not None else {}
+    rows = []
+    for axis in found.axes:
+        one = bounds.get(axis.name)
+        rows.append(
+            (
+                axis.name,
+                f"{axis.sensitivity.value:.4f} at {axis.sensitivity.frequency:.4g} Hz",
+                axis.zone,
+                "" if one is None else f"{one.sensitivity.value:.4f}",
+                "" if one is None else one.zone,
+                "" if one is None else f"{one.sensitivity_of_all.value:.4f}",
+                f"{axis.complementary.value:.4f} at {axis.complementary.frequency:.4g} Hz",
+            )
+        )
+    percent = f"{100.0 * found.settings.confidence:g} %"
+    header = (
+        "axis", "peak of |S|", "zone", f"bound with {percent}", f"zone with {percent}", "bound with all parameters",
+        "peak of |T|",
+    )  # fmt: skip
+    limits = ", ".join(f"{limit:g}" for limit in found.settings.sensitivity_limits)
+    blocks: list[Block] = [
+        TableBlock(header, rows, "Peaks and zones after ISO 14839-3"),
+        Prose(
+            f"Limits of the zones: {limits}; check them against the standard. All axes together: largest singular "
+            f"value of S {found.sensitivity.value:.4f} at {found.sensitivity.frequency:.4g} Hz, of T "
+            f"{found.complementary.value:.4f} at {found.complementary.frequency:.4g} Hz."
+        ),
+        FigureBlock(sensitivity_chart(found, certificate.measured).page()),
+    ]
+    if certificate.measured is not None:
+        blocks.append(Prose(_compared(certificate.measured, found)))
+    if certificate.displacement:
+        blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
+    return Section(SENSITIVITY, blocks)
+
+
+def _known(certificate: Certificate) -> list[Section]:
+    """Of which frequencies something is stated, and by what."""
+    known, found = certificate.known, certificate.assessment
+    if known is None or known.empty or found is None or found.bounds is None:
+        return []
+    settings = certificate.settings
+    no = "nothing: no statement"
+    below = "taken as wrong as at its lower end; no slower modes" if known.reaches_down else no
+    above = (
+        f"a mass, and modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times its "
+        f"motion or less: they use up {known.beyond:.2g} of what the loop bears"
+    )
+    rows = [
+        (f"below {known.low:.3g} Hz", below),
+        (
+            known.text,
+            f"the data; modes that the model may lack have a damping ratio of {settings.mode_damping:g} or more and "
+            f"ring down within {settings.mode_ring_down:g} s",
+        ),
+        (f"above {known.high:.4g} Hz", above if known.reaches_up else f"{no}; {above}"),
+    ]
+    motion = ", ".join(f"{name} {1e6 * value:.3g} µm" for name, value in (certificate.amplitude or {}).items())
+    text = (
+        f"Of what the loop bears at a frequency, the error of the response and the models use up "
+        f"{found.bounds.small_gain:.2g} at most, at {found.bounds.small_gain_frequency:.4g} Hz. Motions in the data, "
+        f"from the middle: {motion}. Nothing is stated of larger ones."
+    )
+    return [
+        Section(
+            "What is known", [TableBlock(("frequency", "what the bounds rest on"), rows, "Frequencies"), Prose(text)]
+        )
+    ]
+
+
+def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:
+    values = compared_values(measured, found)
+    if not values["frequencies"]:
+        return f"Measured: {measured.method}. Nowhere is it known well enough to be compared with the model."
+    peaks = ", ".join(f"{name} {value:.4f}" for name, value in values["peaks"].items())
+    return (
+        f"Measured: {measured.method}. Peaks: {peaks}. Difference from the model at {values['frequencies']} "
+        f"frequencies from {values['from_hz']:.4g} to {values['to_hz']:.4g} Hz, where the measurement is coherent and "
+        f"known to 0.1 dB: {values['worst_difference_db']:.2f} dB at most, {values['median_difference_db']:.3f} dB "
+        "median."
+    )
+
+
+def _margins(found: Assessment) -> Section:
+    rows = [
+        (
+            axis.name,
+            f"{decibel(axis.margins.gain_up.value)} at {axis.margins.gain_up.frequency:.4g} Hz",
+            f"{decibel(axis.margins.gain_down.value)} at {axis.margins.gain_down.frequency:.4g} Hz",
+            f"{math.degrees(axis.margins.phase.value):.1f}° at {axis.margins.phase.frequency:.4g} Hz",
+            f"{1e6 * axis.margins.delay.value:.4g} us at {axis.margins.delay.frequency:.4g} Hz",
+        )
+        for axis in found.axes
+    ]
+    disks = [_disk(item) for item in (*(axis.disk for axis in found.axes), *found.disks)]
+    header = ("axis", "gain up", "gain down", "phase", "delay")
+    blocks: list[Block] = [
+        TableBlock(header, rows, "Classical margins of each axis, all others closed"),
+        TableBlock(("where", "alpha", "broken at", "gain", "phase", "frequency"), disks, "Disk margins"),
+    ]
+    if found.bounds is not None:
+        gap, percent = found.bounds.gap, f"{100.0 * found.settings.confidence:g} %"
+        worst = ", ".join(f"{item.name} {1.0 / item.disk.value:.4f}" for item in found.bounds.axes)
+        blocks.append(
+            Prose(
+                f"With {percent} of the models: disk margins {worst}, of all outputs "
+                f"{1.0 / found.bounds.outputs.value:.4f}; nu-gap at most {gap.worst.value:.4f}, of which the loop "
+                f"bears {gap.margin:.4f}."
+            )
+        )
+    return Section("Margins", blocks)
+
+
+def _structured(found: Assessment) -> Section:
+    mu = found.mu
+    text = (
+        f"The loop bears {1.0 / mu.upper:.3f} times the assumed perturbations together. One of "
+        f"{1.0 / mu.lower if mu.lower else math.inf:.3f} times their size puts a pole within {found.on_circle:.1g} of "
+        f"the unit circle, at {mu.lower_frequency:.4g} Hz."
+    )
+    return Section("Structured singular value", [Prose(text), FigureBlock(mu_chart(found).page())])
+
+
+def _inputs(certificate: Certificate) -> Section:
+    rows = [(name, value) for name, value in certificate.inputs.items()]
+    settings = [(name, f"{value}") for name, value in certificate.settings.model_dump().items()]
+    return Section(
+        "Inputs",
+        [
+            TableBlock(("input", "SHA-256"), rows, "What was read"),
+            TableBlock(("setting", "value"), settings, "What was assumed and demanded"),
+        ],
+    )
+
+
+def _disk(item: DiskMargin) -> tuple[str, str, str, str, str, str]:
+    low, high = item.gain
+    return (
+        item.where,
+        f"{item.guaranteed:.4f}",
+        f"{item.broken:.4f}",
+        f"{decibel(low)} to {decibel(high)}",
+        f"±{math.degrees(item.phase):.1f}°",
+        f"{item.frequency:.4g} Hz",
+    )
+
+
+def decibel(value: float) -> str:
+    """A gain margin in dB; any where nothing limits it."""
+    return "any" if value <= 0.0 or math.isinf(value) else f"{20.0 * math.log10(value):.2f} dB"

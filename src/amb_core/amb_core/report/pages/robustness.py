@@ -1,0 +1,96 @@
+"""The section of a report on the robustness of the identified model with the controller of its recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from amb_core.ground.errors import AmbError
+from amb_core.identification import Identification
+from amb_core.identification.validation import Validation
+from amb_core.loop.known_controller import KnownController
+from amb_core.plant import PlantParameters
+from amb_core.report.figures.robustness import sensitivity_chart
+from amb_core.report.pages.certificate import WORDS, decibel
+from amb_core.report.pages.document import Badge, Block, FigureBlock, Prose, Section, TableBlock
+from amb_core.robustness import Assessment, Certificate, Recorded, certify_from_data
+
+HEADING = "Robustness"
+
+
+def certificate_of_recording(
+    result: Identification,
+    validation: Validation,
+    controller: KnownController | None,
+    plant: PlantParameters | None,
+    tell: Callable[[str], None],
+) -> Certificate | str:
+    """The certificate of a model that was identified from a recording; or why there is none."""
+    if controller is None:
+        return "the controller is not known"
+    law = controller.at_rate(result.data.sample_rate)
+    try:
+        return certify_from_data(
+            result.model, law, Recorded(result.data, law, plant), validation=validation,
+            uncertainty=result.uncertainty, progress=tell,
+        )  # fmt: skip
+    except AmbError as problem:
+        return str(problem)
+
+
+def robustness_badge(certificate: Certificate | str) -> Badge:
+    """The verdict in a few words, linked to the section."""
+    if isinstance(certificate, str):
+        return Badge("not computed", section=HEADING)
+    found = certificate.assessment
+    if found is None:
+        return Badge("not certified: unstable loop", "bad", HEADING)
+    if not certificate.certified:
+        return Badge(WORDS.get(certificate.statement, "not certified"), "limited", HEADING)
+    assert found.bounds is not None
+    zone = max(item.zone for item in found.bounds.axes)  # A is the best
+    percent = f"{100.0 * found.settings.confidence:g} %"
+    if certificate.reserved:
+        return Badge(f"certified with reservations, zone {zone} with {percent}", "limited", HEADING)
+    return Badge(f"certified, zone {zone} with {percent}", "good", HEADING)
+
+
+def robustness_section(certificate: Certificate | str) -> Section:
+    """Verdict, margins with the bounds that the data allow, and the sensitivity over frequency."""
+    if isinstance(certificate, str):
+        return Section(HEADING, [Prose(f"Not computed: {certificate}.")])
+    blocks: list[Block] = [Prose(certificate.verdict)]
+    blocks += [Prose(f"Warning: {text}.") for text in certificate.warnings]
+    found = certificate.assessment
+    if found is not None:
+        blocks += [
+            _margins(found),
+            FigureBlock(sensitivity_chart(found, certificate.measured).page(), "Sensitivity"),
+            Prose(
+                "The loop is that of the recording; the assumed perturbations and the limits are the defaults. "
+                "amb certify takes other controllers, perturbations and limits, a second recording for the validation "
+                "and a swept sine, and writes a page to be signed, with worst cases and hashes of its inputs."
+            ),
+        ]
+    return Section(HEADING, blocks)
+
+
+def _margins(found: Assessment) -> TableBlock:
+    bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
+    percent = f"{100.0 * found.settings.confidence:g} %"
+    rows = []
+    for axis in found.axes:
+        one = bounds.get(axis.name)
+        rows.append(
+            (
+                axis.name,
+                f"{axis.sensitivity.value:.3f} at {axis.sensitivity.frequency:.4g} Hz, zone {axis.zone}",
+                f"{one.sensitivity.value:.3f}, zone {one.zone}" if one else "not known",
+                f"{decibel(axis.margins.gain_down.value)} to {decibel(axis.margins.gain_up.value)}",
+                f"{math.degrees(axis.margins.phase.value):.1f}°",
+                f"{1e6 * axis.margins.delay.value:.4g} µs",
+                f"{axis.disk.guaranteed:.3f}",
+            )
+        )
+    header = ("axis", "peak of |S|", f"bound with {percent}", "gain", "phase", "delay", "disk margin")
+    return TableBlock(header, rows, "Margins of each axis, all others closed")

@@ -1,0 +1,82 @@
+"""What every link does alike that commands a target by the frames of AMB-UDP, however they travel."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.rig.link import commands
+from amb_core.rig.link.answers import Reply, TargetStatus
+from amb_core.rig.link.commands import Command
+from amb_core.rig.link.link import TargetLink
+from amb_core.rig.link.upload import Upload, excitation_upload
+
+
+class CommandedLink(TargetLink):
+    """A link whose commands are frames of AMB-UDP; a subclass brings them to the target."""
+
+    _uploads: Iterator[int]  # numbers of uploads
+
+    @abstractmethod
+    def _command(self, command: Command) -> Reply:
+        """The reply to a command that the target has carried out; TargetError if it refuses."""
+
+    @abstractmethod
+    def _bring(self, upload: Upload, cancelled: Callable[[], bool]) -> None:
+        """Bring an upload to the target, whole."""
+
+    def levitate(self, seconds: float) -> None:
+        """Close the loop in so many seconds."""
+        self._command(commands.levitate(seconds))
+
+    def land(self, seconds: float) -> None:
+        """Land in so many seconds.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the landing (s).
+        """
+        self._command(commands.delevitate(seconds))
+
+    def upload(
+        self, samples: NDArray[np.float64], cancelled: Callable[[], bool] = lambda: False
+    ) -> Callable[[int], None]:
+        """Bring an excitation to the target; returns what arms it.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            Excitation (m).
+        cancelled : callable, optional
+            Returns whether to give the upload up; never by default.
+
+        Returns
+        -------
+        callable
+            Arms the excitation at a step of the target.
+        """
+        upload = excitation_upload(next(self._uploads), samples)
+        self._bring(upload, cancelled)
+
+        def arm(step: int) -> None:
+            self._command(commands.arm(upload.id, step))
+
+        return arm
+
+    def disarm(self) -> None:
+        """Stop the excitation."""
+        self._command(commands.disarm())
+
+    def status(self) -> TargetStatus:
+        """The state of the target now.
+
+        Returns
+        -------
+        TargetStatus
+            State, trips and counts of the target.
+        """
+        return self._command(commands.heartbeat()).status

@@ -1,7 +1,0 @@
-"""Experiments over running speeds: one simulated run and identified model each, on a cluster, kept on disk."""
-
-from amb_core.running_speeds.campbell import IdentifiedCampbell, SpeedResult, identify_over_speeds
-from amb_core.running_speeds.settings import SpeedSettings
-from amb_core.running_speeds.speed_run import SpeedTask
-
-__all__ = ["IdentifiedCampbell", "SpeedResult", "SpeedSettings", "SpeedTask", "identify_over_speeds"]

@@ -1,6 +1,0 @@
-"""The closed loop of plant and controller without ROS, and the parameters of both by one name each."""
-
-from amb_core.simulation.closed_loop import simulate, simulate_first_bearing
-from amb_core.simulation.parameters import loop_parameter_names, with_values
-
-__all__ = ["loop_parameter_names", "simulate", "simulate_first_bearing", "with_values"]
