@@ -13,7 +13,7 @@ from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.robustness import RobustnessSettings, feedback_of
-from amb_core.robustness.assessment import assess_loop
+from amb_core.robustness.assessment import assess_known, assess_loop
 from amb_core.robustness.checks import assumption_check, band_checks
 from amb_core.robustness.error_band import ErrorBand, error_band
 from amb_core.robustness.known_band import known_band
@@ -99,6 +99,25 @@ def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(re
     *_, covered = band_checks(assess_loop(feedback, SETTINGS, uncertainty, known), known)
     assert not covered.passed
     assert "no statement" in covered.finding
+
+
+def test_milder_assumptions_never_state_less(bearing, true) -> None:
+    """Modes that just leave the loop stable leave its sensitivity open: the data's own band is stated all the same."""
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=900.0, **EXCITED)
+    feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
+    band = band_of(true, record)
+    least, most = (known_band(feedback, band, replaced(mode_gain=gain)) for gain in (0.0, 1.0))
+    assert least.beyond < 0.9 < 1.0 < most.beyond
+    just_stable = (0.98 - least.beyond) / (most.beyond - least.beyond)  # of the gain, in which it is linear
+    inside, mild = (replaced(mode_gain=gain) for gain in (1.0, just_stable))
+    stated, _ = assess_known(feedback, inside, uncertainty, most)
+    known = known_band(feedback, band, mild)
+    assert known.reaches_up
+    assessment, said = assess_known(feedback, mild, uncertainty, known)
+    assert not said.reaches_up
+    assert stated.bounds is not None and assessment.bounds is not None
+    for axis, before in zip(assessment.bounds.axes, stated.bounds.axes, strict=True):
+        assert axis.sensitivity.value == pytest.approx(before.sensitivity.value)
 
 
 def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) -> None:

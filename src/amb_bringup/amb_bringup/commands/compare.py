@@ -110,7 +110,7 @@ def _table(found: Mapping[str, Validation]) -> Table:
     items = list(found.values())
     one = items[0]
     data = f"{one.data.samples} samples, {', '.join(dict.fromkeys(item.source for item in one.data.experiments))}"
-    table = Table("model", *found, title=f"Models validated on {data}", title_justify="left")
+    table = Table("model", *found, title=f"Models on {data}", title_justify="left")
     table.add_row("method", *(item.model.method for item in items))
     table.add_row("order", *(str(item.model.order) for item in items))
     for index, name in enumerate(one.model.output_names):

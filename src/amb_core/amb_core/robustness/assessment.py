@@ -27,7 +27,7 @@ from amb_core.robustness.margins import (
 )
 from amb_core.robustness.mu import MuPeak, mu_peak
 from amb_core.robustness.replay import distance_from_circle
-from amb_core.robustness.settings import RobustnessSettings, Zone, zone_of
+from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 from amb_core.robustness.structure import UncertainLoop, uncertain_loop
 from amb_core.robustness.worst_cases import AxisBounds, Gap, PoleBounds, WorstCases, plants_of
 
@@ -223,6 +223,41 @@ def assess_loop(
             if uncertainty is None or (known is not None and known.empty)
             else _bounds(feedback, settings, uncertainty, frequency, axes, uncertain, known),
         )
+
+
+def assess_known(
+    feedback: Feedback, settings: RobustnessSettings, uncertainty: ModelUncertainty | None, known: KnownBand
+) -> tuple[Assessment, KnownBand]:
+    """The same, without what is assumed above the data where that leaves the sensitivity beyond its zone.
+
+    The assumptions may keep the loop stable and say little of its sensitivity. The data's own band is stated then, as
+    where the assumptions do not keep it stable: milder ones never state less.
+
+    Parameters
+    ----------
+    feedback : Feedback
+        A stable loop.
+    settings : RobustnessSettings
+        What is assumed and demanded.
+    uncertainty : ModelUncertainty or None
+        Covariance of the model; without it there are no bounds of it.
+    known : KnownBand
+        Frequencies of which data and assumptions say something.
+
+    Returns
+    -------
+    tuple of Assessment and KnownBand
+        The assessment, and the frequencies of which it speaks.
+    """
+    whole = assess_loop(feedback, settings, uncertainty, known)
+    if whole.bounds is None or not known.reaches_up:
+        return whole, known
+    worst = max((axis.sensitivity for axis in whole.bounds.axes), key=lambda one: one.value)
+    zone = zone_of(worst.value, settings.sensitivity_limits)
+    if ZONES.index(zone) <= ZONES.index(settings.needed_zone) or worst.frequency <= known.high:
+        return whole, known
+    inside = replace(known, reaches_up=False)
+    return assess_loop(feedback, settings, uncertainty, inside), inside
 
 
 def _axis(feedback: Feedback, axis: int, margins: ClassicalMargins, settings: RobustnessSettings) -> AxisResult:

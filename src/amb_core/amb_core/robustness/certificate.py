@@ -20,7 +20,7 @@ from amb_core.identification.validation import Validation, Verdict
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
 from amb_core.loop.known_controller import KnownController
-from amb_core.robustness.assessment import Assessment, assess_loop
+from amb_core.robustness.assessment import Assessment, assess_known, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
     RUN,
@@ -207,7 +207,10 @@ def certify(
         checks = [Check("the loop is stable", False, str(problem))]
     else:
         known = _known(feedback, validation, records, settings)
-        assessment = assess_loop(feedback, settings, uncertainty, known)
+        if known is None:
+            assessment = assess_loop(feedback, settings, uncertainty)
+        else:
+            assessment, known = assess_known(feedback, settings, uncertainty, known)
         checks += _checks(assessment, uncertainty, known)
         if measured is not None and assessment.bounds is not None:
             checks.append(measured_check(measured, assessment, settings))

@@ -9,7 +9,8 @@ band reaches to the first frequency below and above at which they do not.
 
 Above it the response is that of a mass, continued from the last octave, and modes of a gain up to g relative to it and
 a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
-loop is known as a whole; otherwise nothing is stated above, nor on stability. Below the band the error is taken as
+loop is known as a whole; otherwise, and where they leave its sensitivity beyond its zone (`assess_known`), nothing is
+stated above, nor on stability. Below the band the error is taken as
 large as at its lower end, if that lies well below the peak of the sensitivity.
 """
 
