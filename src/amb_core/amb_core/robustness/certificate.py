@@ -23,7 +23,8 @@ from amb_core.loop.known_controller import KnownController
 from amb_core.robustness.assessment import Assessment, assess_known, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
-    RUN,
+    MEASURED,
+    NOT_RUN,
     Check,
     amplitude_check,
     assumption_check,
@@ -31,6 +32,7 @@ from amb_core.robustness.checks import (
     displacement_check,
     measured_check,
     measured_peak_check,
+    was_measured_check,
 )
 from amb_core.robustness.error_band import error_band
 from amb_core.robustness.feedback import Feedback, feedback_of
@@ -98,11 +100,11 @@ class Certificate(Result):
     def statement(self) -> Statement:
         """How much is stated."""
         failed = {check.name for check in self.checks if not check.passed}
-        if failed - {COVERED, RUN} or self.assessment is None or self.assessment.bounds is None:
+        if failed - {COVERED, MEASURED} or self.assessment is None or self.assessment.bounds is None:
             return "not certified"
         if COVERED in failed:
             return "restricted"
-        if RUN in failed:
+        if MEASURED in failed:
             return "predicted"
         return "certified with reservations" if self.reserved else "certified"
 
@@ -114,7 +116,7 @@ class Certificate(Result):
         if statement == "not certified":
             return f"Not certified: {'; '.join(found.values())}.{self._own_terms}"
         if statement == "restricted":
-            only = ", predicted only" if RUN in found else ""
+            only = ", predicted only" if MEASURED in found else ""
             return f"Not certified as a whole{only}: {found[COVERED]}.{self._own_terms}"
         assert self.assessment is not None
         assert self.assessment.bounds is not None
@@ -123,7 +125,7 @@ class Certificate(Result):
         words = {
             "certified": "Certified",
             "certified with reservations": "Certified with reservations on the model",
-            "predicted": "Predicted, not certified, since this controller has not run on the bearing",
+            "predicted": f"Predicted, not certified, since {found.get(MEASURED)}",
         }
         return (
             f"{words[statement]}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
@@ -158,7 +160,7 @@ def certify(
     measured: MeasuredSensitivity | None = None,
     displacement: Mapping[str, float] | None = None,
     records: Sequence[IdentificationData] = (),
-    has_run: bool = True,
+    not_measured: str = NOT_RUN,
 ) -> Certificate:
     """Check a model and a controller.
 
@@ -182,8 +184,8 @@ def certify(
         Largest displacement over clearance of each axis (-). Without it no zone after ISO 14839-2 is given.
     records : sequence of IdentificationData, optional
         Data that show the error of the model, in addition to those of the validation.
-    has_run : bool, optional
-        Whether data are of a loop with this controller.
+    not_measured : str, optional
+        Why there is no `measured`: without it the numbers are predicted, not certified.
 
     Returns
     -------
@@ -212,8 +214,11 @@ def certify(
         else:
             assessment, known = assess_known(feedback, settings, uncertainty, known)
         checks += _checks(assessment, uncertainty, known)
+        below = None
         if measured is not None and assessment.bounds is not None:
-            checks.append(measured_check(measured, assessment, settings))
+            below = measured_check(measured, assessment, settings)
+        if below is not None:
+            checks.append(below)
     if measured is not None and measured.checked:
         checks.append(measured_peak_check(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}
@@ -222,8 +227,8 @@ def certify(
     amplitude = {} if validation is None else _amplitude([*records, validation.data])
     if settings.operation_amplitude and amplitude:
         checks.append(amplitude_check(amplitude, settings))
-    if not has_run:
-        checks.append(Check(RUN, False, "no data are of a loop with this controller"))
+    if assessment is not None:
+        checks.append(was_measured_check(measured, assessment, not_measured))
     warnings = _warnings(validation, uncertainty) + _not_linear(assessment)
     reserved = validation is not None and validation.verdict is not Verdict.VALIDATED
     return Certificate(

@@ -15,10 +15,12 @@ from amb_core.robustness.measured import COHERENT, MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 
 COVERED = "every frequency is covered by the data or by what is assumed"
-RUN = "the controller to certify has run on the bearing"
+MEASURED = "the sensitivity of a loop with this controller was measured"
+NOT_RUN = "no data are of a loop with this controller"
 ABOVE = 1.05  # measured sensitivity over its bound, from which it contradicts it
 _LIGHT = 0.2  # damping ratio of a mode at most
 _REACH = 2.58  # standard deviations
+_ABOUT = 2.0**0.5  # half an octave to either side of a peak
 
 
 @dataclass(frozen=True)
@@ -109,14 +111,28 @@ def assumption_check(uncertainty: ModelUncertainty, known: KnownBand, settings: 
     )
 
 
-def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settings: RobustnessSettings) -> Check:
-    """Whether the sensitivity that the data show lies below its bound wherever one is stated."""
+def was_measured_check(measured: MeasuredSensitivity | None, assessment: Assessment, why_not: str = NOT_RUN) -> Check:
+    """Whether the sensitivity of each axis was measured within half an octave of the peak that the model has."""
+    if measured is None:
+        return Check(MEASURED, False, why_not)
+    lacking = []
+    for number, axis in enumerate(assessment.axes):
+        peak = axis.sensitivity.frequency
+        about = (measured.frequency >= peak / _ABOUT) & (measured.frequency <= peak * _ABOUT)
+        if not np.any(about & (measured.coherence[:, number] >= COHERENT)):
+            lacking.append(f"{axis.name} about its peak at {peak:.4g} Hz")
+    finding = f"the sensitivity was not measured well enough of axis {', '.join(lacking)}" if lacking else "it was"
+    return Check(MEASURED, not lacking, finding)
+
+
+def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settings: RobustnessSettings) -> Check | None:
+    """Whether the sensitivity that the data show lies below its bound wherever one is stated; None without values."""
     name, bounds = "the measured sensitivity lies below its bound", assessment.bounds
     assert bounds is not None
     frequency = measured.frequency
     inside = (frequency >= bounds.frequency[0]) & (frequency <= bounds.frequency[-1])
     reach = float(ndtri(1.0 - (1.0 - settings.confidence) / max(len(frequency) * len(measured.axes), 1)))
-    worst, finding = 0.0, "nothing measured well enough"
+    worst, finding = 0.0, ""
     for number, axis in enumerate(bounds.axes):
         lower = np.abs(measured.own[:, number]) - reach * measured.deviation[:, number]
         places = np.clip(np.searchsorted(bounds.frequency, frequency), 1, len(bounds.frequency) - 1)
@@ -133,7 +149,7 @@ def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settin
                 f"axis {axis.name} at {frequency[place]:.4g} Hz: measured at least {max(lower[place], 0.0):.3f}, bound "
                 f"{limit[place]:.3f}"
             )
-    return Check(name, worst <= ABOVE, finding)
+    return Check(name, worst <= ABOVE, finding) if finding else None
 
 
 def displacement_check(zones: Mapping[str, Zone], settings: RobustnessSettings) -> Check:

@@ -20,10 +20,10 @@ from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.robustness.certificate import Certificate, certify
+from amb_core.robustness.checks import NOT_RUN
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
-from amb_core.robustness.sharp_peaks import SharpMode
 from amb_core.robustness.sweep import modes_of, sweep_remarks
 
 
@@ -86,8 +86,6 @@ def certify_from_data(
         raise RobustnessError("the controller of the swept sine is not known")
     judged = judged_on or identified_from
     displacement: dict[str, float] = {}
-    measured: MeasuredSensitivity | None = None
-    remarks: tuple[str, ...] = ()
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
         cure = cure_drift(identified_from.data)  # as `identify` does
@@ -99,19 +97,16 @@ def certify_from_data(
             if identified_from is not None and not len(model.fingerprint):  # of an old file
                 known = replace(model, fingerprint=fingerprint_of(identified_from.data))
             validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
-        if swept is None:
-            measured, remarks = _shown(judged, law)
         displacement = _displacement(judged)
     if swept is not None:
         progress("swept sine")
-        measured, more = _swept(swept, feedback, law)
-        remarks += more
+    measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law)
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
         measured=measured, displacement=displacement,
         records=() if identified_from is None or judged is identified_from else (identified_from.data,),
-        has_run=any(_runs(one, law) for one in (judged, identified_from, swept)),
+        not_measured=not_measured,
     )  # fmt: skip
     if uncertainty is not None and uncertainty.widened:
         remarks += (uncertainty.widened,)
@@ -159,31 +154,23 @@ def require_fitting(model: StateSpaceModel, law: KnownController, settings: Robu
     return feedback_of(model, law, settings.extra_delay)
 
 
-def _measured(loop: Recorded, law: KnownController, modes: Sequence[SharpMode] = ()) -> MeasuredSensitivity:
-    """Measured sensitivity of the loop to certify; RobustnessError if it was another loop."""
-    if loop.controller is None:
-        raise RobustnessError("the controller of the experiment is not known")
-    if not _runs(loop, law):
-        raise RobustnessError("the experiment had another controller than the one to certify")
-    return measured_sensitivity(loop.data, loop.controller, modes)
-
-
-def _shown(loop: Recorded, law: KnownController) -> tuple[MeasuredSensitivity | None, tuple[str, ...]]:
-    """The sensitivity that other data than a swept sine show, or why they show none."""
-    try:
-        return _measured(loop, law), ()
-    except AmbError as problem:
-        return None, (f"sensitivity not measured: {problem}",)
-
-
-def _swept(
-    loop: Recorded, feedback: Feedback, law: KnownController
-) -> tuple[MeasuredSensitivity | None, tuple[str, ...]]:
-    """The sensitivity that a swept sine shows, and what it does not; it is left out if it is of another controller."""
-    if not _runs(loop, law):
-        return None, ("the swept sine is not of a loop with this controller, so it is left out",)
-    measured = _measured(loop, law, modes_of(loop.data, law))
-    return replace(measured, checked=True), sweep_remarks(loop.data, feedback, law)
+def _measured_by(
+    swept: Recorded | None, others: Sequence[Recorded | None], feedback: Feedback, law: KnownController
+) -> tuple[MeasuredSensitivity | None, str, tuple[str, ...]]:
+    """The sensitivity that a swept sine shows, else other data of this controller; why there is none; remarks."""
+    if swept is not None and _runs(swept, law):
+        measured = measured_sensitivity(swept.data, law, modes_of(swept.data, law))
+        return replace(measured, checked=True), "", sweep_remarks(swept.data, feedback, law)
+    remarks = () if swept is None else ("the swept sine is not of a loop with this controller, so it is left out",)
+    why_not = NOT_RUN
+    for loop in others:
+        if loop is None or not _runs(loop, law):
+            continue
+        try:
+            return measured_sensitivity(loop.data, law), "", remarks
+        except AmbError as problem:
+            why_not = f"its sensitivity was not measured: {problem}"
+    return None, why_not, remarks
 
 
 def _runs(loop: Recorded | None, law: KnownController) -> bool:
