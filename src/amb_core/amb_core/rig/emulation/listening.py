@@ -75,7 +75,8 @@ class UdpListening(Listening):
         except (OSError, OverflowError) as problem:
             self._socket.close()
             reason = getattr(problem, "strerror", problem)
-            raise TargetError(f"UDP port {port} of {host} cannot be opened: {reason}") from None
+            other = "another one: parameter port of target_emulator (0: any that is free), link.port of hardware_bridge"
+            raise TargetError(f"UDP port {port} of {host} cannot be opened: {reason}; {other}") from None
         self.port = self._socket.getsockname()[1]
         self.where = f"UDP port {self.port} of {host}"
 
