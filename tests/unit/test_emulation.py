@@ -161,7 +161,9 @@ def test_without_a_key_only_this_machine_is_listened_to() -> None:
 def test_a_port_that_is_taken_is_named() -> None:
     with Bench() as bench:
         port = bench.emulator.port
-        with pytest.raises(TargetError, match=f"UDP port {port} of 127.0.0.1 cannot be opened: Address already in use; .*link.port"):
+        with pytest.raises(
+            TargetError, match=f"UDP port {port} of 127.0.0.1 cannot be opened: Address already in use; .*link.port"
+        ):
             TargetEmulator(
                 PlantParameters(),
                 ControllerParameters(),

@@ -169,7 +169,9 @@ def test_an_emulator_that_cannot_start_reports_why() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        with pytest.raises(TargetError, match=f"UDP port {port} of 127.0.0.1 cannot be opened: Address already in use; .*link.port"):
+        with pytest.raises(
+            TargetError, match=f"UDP port {port} of 127.0.0.1 cannot be opened: Address already in use; .*link.port"
+        ):
             EmulatorProcess(settings(address=Address(port=port)))
 
 
