@@ -15,7 +15,6 @@ from rclpy.action import ActionServer
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-import amb_bringup.client
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.client.connection import GraphConnection
 from amb_core.ground.errors import ParameterError
@@ -236,7 +235,7 @@ def test_a_request_that_is_sent_once_says_so_when_it_is_not_answered(graph: Grap
 
 
 def test_an_excitation_without_an_answer_is_stopped(graph: Graph, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(amb_bringup.client, "EXCITATION_TIMEOUT", 0.5)
+    monkeypatch.setattr("amb_bringup.client.loop_calls.EXCITATION_TIMEOUT", 0.5)
 
     def stop(_: Any, response: Any) -> Any:
         stopped.append(True)
