@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from typer.main import get_command
 
 from amb_bringup.cli import COMMANDS as LISTED
 from amb_bringup.cli import app
+from amb_bringup.examples import EXAMPLES
 from docs.generators.commands import commands
 from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
 from docs.generators.modules import FOLDER
@@ -98,6 +100,15 @@ def test_one_page_has_the_purpose_of_every_command_in_the_groups_of_the_help() -
     assert sorted(name for names in groups.values() for name in names) == sorted(COMMANDS)
     first_words = {group: {name.split()[1] for name in names} for group, names in groups.items()}
     assert first_words == {group: set(listed) for group, listed in LISTED.items()}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_every_command_ends_with_an_example_that_it_takes(name: str) -> None:
+    """With the types and ranges of its options; files of the example need not exist."""
+    command, example = COMMANDS[name], EXAMPLES[name.removeprefix("amb ")]
+    assert command.epilog == f"Example: {name} {example}".rstrip()
+    assert problem_of(f"{name} {example}") == ""
+    command.make_context(name, shlex.split(example))  # which raises if a value is not of its type or one is missing
 
 
 SELDOM = ("subharmonics", "campbell", "jitter", "Julia", "julia")

@@ -13,6 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
+from amb_bringup.examples import with_examples
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_bringup.startup import ending_signals, leaving_at_once
 from amb_core import __version__
@@ -158,12 +159,12 @@ class LateCommand(TyperCommand):
         if isinstance(found, typer.Typer):
             for command in found.registered_commands:
                 command.callback = with_overwrite(with_changes(command.callback)) if command.callback else None
-            return get_command(found)
+            return with_examples(get_command(found), self.name or "")
         app = typer.Typer(add_completion=False)
         app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(
             with_overwrite(with_changes(found))
         )
-        return get_command(app)
+        return with_examples(get_command(app), self.name or "")
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """The context of the command itself, in which it runs."""
