@@ -30,7 +30,7 @@ from amb_core.robustness.checks import (
     assumption_check,
     band_checks,
     displacement_check,
-    measured_check,
+    measured_checks,
     measured_peak_check,
     was_measured_check,
 )
@@ -214,11 +214,8 @@ def certify(
         else:
             assessment, known = assess_known(feedback, settings, uncertainty, known)
         checks += _checks(assessment, uncertainty, known)
-        below = None
         if measured is not None and assessment.bounds is not None:
-            below = measured_check(measured, assessment, settings)
-        if below is not None:
-            checks.append(below)
+            checks += measured_checks(measured, assessment, settings)
     if measured is not None and measured.checked:
         checks.append(measured_peak_check(measured, settings))
     zones = {name: zone_of(value, settings.displacement_limits) for name, value in (displacement or {}).items()}

@@ -125,8 +125,8 @@ def was_measured_check(measured: MeasuredSensitivity | None, assessment: Assessm
     return Check(MEASURED, not lacking, finding)
 
 
-def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settings: RobustnessSettings) -> Check | None:
-    """Whether the sensitivity that the data show lies below its bound wherever one is stated; None without values."""
+def measured_checks(measured: MeasuredSensitivity, assessment: Assessment, settings: RobustnessSettings) -> list[Check]:
+    """Whether the sensitivity that the data show lies below its bound wherever one is stated; empty without values."""
     name, bounds = "the measured sensitivity lies below its bound", assessment.bounds
     assert bounds is not None
     frequency = measured.frequency
@@ -149,7 +149,7 @@ def measured_check(measured: MeasuredSensitivity, assessment: Assessment, settin
                 f"axis {axis.name} at {frequency[place]:.4g} Hz: measured at least {max(lower[place], 0.0):.3f}, bound "
                 f"{limit[place]:.3f}"
             )
-    return Check(name, worst <= ABOVE, finding) if finding else None
+    return [Check(name, worst <= ABOVE, finding)] if finding else []
 
 
 def displacement_check(zones: Mapping[str, Zone], settings: RobustnessSettings) -> Check:
