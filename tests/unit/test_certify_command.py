@@ -74,7 +74,7 @@ def test_without_data_under_the_controller_to_certify_the_loop_is_predicted_only
     assert result.exit_code == 4
     assert not found["certified"]
     assert "no data are of a loop with this controller" in [check["finding"] for check in found["checks"]]
-    assert any("not of a loop with this controller, so it is left out" in text for text in found["warnings"])
+    assert any("left out: it is not of a loop with this controller" in text for text in found["warnings"])
 
 
 def test_a_sweep_is_measured_or_given(files, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from amb_core.identification import Identification, IdentificationData, identify
 from amb_core.loop.control import ControllerParameters
+from amb_core.plant import PlantParameters
 from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_from_data
 from amb_core.robustness.certificate import Certificate
 from amb_core.robustness.checks import MEASURED, NOT_RUN, Check, was_measured_check
@@ -48,7 +49,23 @@ def test_a_sweep_of_another_controller_takes_nothing_away(data, found, plain) ->
     )
     assert [check.name for check in certificate.checks] == [check.name for check in plain.checks]
     assert certificate.measured is not None
-    assert any("so it is left out" in text for text in certificate.warnings)
+    assert any("left out: it is not of a loop with this controller" in text for text in certificate.warnings)
+
+
+def test_data_whose_currents_another_controller_computed_measure_nothing(data, found) -> None:
+    """Nobody said which controller ran; the currents show it."""
+    certificate = certify_from_data(found.model, OTHER, data, Recorded(data, LAW), settings=SETTINGS)
+    check = measured_of(certificate)
+    assert not check.passed
+    assert "does not compute" in check.finding
+
+
+def test_a_sweep_that_is_said_to_be_of_the_controller_must_show_it(data, found) -> None:
+    certificate = certify_from_data(
+        found, OTHER, Recorded(data, LAW), settings=SETTINGS, swept=Recorded(data, OTHER), uncertainty=found.uncertainty
+    )
+    assert not any(check.name.startswith("measured by a swept sine") for check in certificate.checks)
+    assert any("the swept sine is left out: " in text and "does not compute" in text for text in certificate.warnings)
 
 
 def test_data_of_the_identification_measure_it_where_those_of_the_validation_are_of_another_loop(data, found) -> None:
@@ -78,3 +95,20 @@ def test_all_that_passes_but_the_measurement_is_predicted(plain) -> None:
     certificate = replace(plain, checks=unmeasured)
     assert certificate.statement == "predicted" and not certificate.certified
     assert certificate.verdict.startswith(f"Predicted, not certified, since {NOT_RUN}")
+
+
+def test_displacement_counts_in_all_data_over_the_clearance_of_each_axis(data, found) -> None:
+    plant = PlantParameters()
+    largest = np.abs(data.experiments[0].outputs).max(axis=0)
+    near = plant.model_copy(
+        update={"rotor": plant.rotor.model_copy(update={"backup_bearing_radius": 1.2 * largest.max()})}
+    )
+    quiet = data.window(0, 5_000)
+    of_both = certify_from_data(found, LAW, Recorded(data, LAW, near), Recorded(quiet, LAW), settings=SETTINGS)
+    assert of_both.displacement is not None
+    assert max(of_both.displacement.values()) == "D"
+
+
+def test_what_is_not_known_of_displacement_and_operation_is_said(plain) -> None:
+    assert any("the zone after ISO 14839-2 is not known" in text for text in plain.warnings)
+    assert any("operation_amplitude" in text and "was not checked" in text for text in plain.warnings)

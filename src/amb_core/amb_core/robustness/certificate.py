@@ -227,6 +227,8 @@ def certify(
     if assessment is not None:
         checks.append(was_measured_check(measured, assessment, not_measured))
     warnings = _warnings(validation, uncertainty) + _not_linear(assessment)
+    if amplitude and not settings.operation_amplitude:
+        warnings += (_motion_not_compared(amplitude),)
     reserved = validation is not None and validation.verdict is not Verdict.VALIDATED
     return Certificate(
         tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved, known, amplitude,
@@ -338,6 +340,15 @@ def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | Non
         found += [f"reservation on the model: {one.name}: {one.finding}" for one in validation.failed]
         found.append(f"linearity of the data: {validation.evidence.brief}")
     return tuple(found)
+
+
+def _motion_not_compared(amplitude: Mapping[str, float]) -> str:
+    """That nobody said how far the bearing moves in operation, and how far it does in the data."""
+    largest = ", ".join(f"{name} {1e6 * value:.3g} um" for name, value in amplitude.items())
+    return (
+        f"the data move at most {largest} from the middle; the motion in operation is not given (operation_amplitude), "
+        "so whether the data reach as far was not checked"
+    )
 
 
 def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:

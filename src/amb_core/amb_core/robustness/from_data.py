@@ -11,14 +11,17 @@ from dataclasses import replace
 import numpy as np
 
 from amb_core.data.experiments import RecordedLoop as Recorded
+from amb_core.data.experiments.checks import Severity
 from amb_core.data.experiments.drift import cure_drift
 from amb_core.ground.errors import AmbError, RobustnessError
+from amb_core.identification.controller_check import check_controller
 from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
+from amb_core.plant.machine import machine_of
 from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.checks import NOT_RUN
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
@@ -85,22 +88,21 @@ def certify_from_data(
     if swept is not None and swept.controller is None:
         raise RobustnessError("the controller of the swept sine is not known")
     judged = judged_on or identified_from
-    displacement: dict[str, float] = {}
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
         cure = cure_drift(identified_from.data)  # as `identify` does
         uncertainty = uncertainty_of(model, identified_from.data if cure is None else cure.data)
-    if judged is not None:
-        if validation is None:
-            progress("validating")
-            known = model
-            if identified_from is not None and not len(model.fingerprint):  # of an old file
-                known = replace(model, fingerprint=fingerprint_of(identified_from.data))
-            validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
-        displacement = _displacement(judged)
+    if judged is not None and validation is None:
+        progress("validating")
+        known = model
+        if identified_from is not None and not len(model.fingerprint):  # of an old file
+            known = replace(model, fingerprint=fingerprint_of(identified_from.data))
+        validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
+    displacement, clearances = _displacement((judged, identified_from, swept))
     if swept is not None:
         progress("swept sine")
     measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law)
+    remarks += clearances
     progress("margins, worst cases and bounds")
     found = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
@@ -158,13 +160,21 @@ def _measured_by(
     swept: Recorded | None, others: Sequence[Recorded | None], feedback: Feedback, law: KnownController
 ) -> tuple[MeasuredSensitivity | None, str, tuple[str, ...]]:
     """The sensitivity that a swept sine shows, else other data of this controller; why there is none; remarks."""
-    if swept is not None and _runs(swept, law):
-        measured = measured_sensitivity(swept.data, law, modes_of(swept.data, law))
-        return replace(measured, checked=True), "", sweep_remarks(swept.data, feedback, law)
-    remarks = () if swept is None else ("the swept sine is not of a loop with this controller, so it is left out",)
+    remarks: tuple[str, ...] = ()
     why_not = NOT_RUN
+    if swept is not None:
+        foreign = _not_run_by(swept, law)
+        if not foreign:
+            measured = measured_sensitivity(swept.data, law, modes_of(swept.data, law))
+            return replace(measured, checked=True), "", sweep_remarks(swept.data, feedback, law)
+        cause = "it is not of a loop with this controller" if foreign == NOT_RUN else foreign
+        remarks = (f"the swept sine is left out: {cause}",)
     for loop in others:
-        if loop is None or not _runs(loop, law):
+        if loop is None:
+            continue
+        foreign = _not_run_by(loop, law)
+        if foreign:
+            why_not = foreign
             continue
         try:
             return measured_sensitivity(loop.data, law), "", remarks
@@ -173,17 +183,33 @@ def _measured_by(
     return None, why_not, remarks
 
 
-def _runs(loop: Recorded | None, law: KnownController) -> bool:
-    """Whether data are of a loop with a controller."""
-    if loop is None or loop.controller is None:
-        return False
-    return is_same_law(loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names))
+def _not_run_by(loop: Recorded, law: KnownController) -> str:
+    """Why data are not taken as of a loop with a controller; empty if they are.
+
+    What is said of the data must fit, and what they show: the controller computes their currents.
+    """
+    if loop.controller is None or not is_same_law(
+        loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)
+    ):
+        return NOT_RUN
+    finding = check_controller(loop.data, law)
+    return finding.text if finding.severity is Severity.WARNING else ""
 
 
-def _displacement(loop: Recorded) -> dict[str, float]:
-    """Largest displacement over clearance, where the parameters of the plant are known."""
-    if loop.plant is None:
-        return {}
-    clearance = loop.plant.rotor.backup_bearing_radius
-    largest = np.max([np.abs(item.outputs).max(axis=0) for item in loop.data.experiments], axis=0)
-    return {name: float(value / clearance) for name, value in zip(loop.data.output_names, largest, strict=True)}
+def _displacement(loops: Sequence[Recorded | None]) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Largest displacement over clearance of each axis in all data of a plant that is known; a remark without one."""
+    largest: dict[str, float] = {}
+    given = [loop for loop in loops if loop is not None]
+    for loop in given:
+        if loop.plant is None:
+            continue
+        machine = machine_of(loop.plant)
+        of_bearing = {bearing.name: bearing.clearance for bearing in machine.bearings}
+        clearance = {axis.name: of_bearing[axis.bearing] for axis in machine.axes}
+        for number, name in enumerate(loop.data.output_names):
+            moved = max(float(np.abs(item.outputs[:, number]).max()) for item in loop.data.experiments)
+            share = moved / clearance.get(name, loop.plant.rotor.backup_bearing_radius)
+            largest[name] = max(largest.get(name, 0.0), share)
+    if given and not largest:
+        return {}, ("the zone after ISO 14839-2 is not known: the data come without the clearance of the bearing",)
+    return largest, ()
