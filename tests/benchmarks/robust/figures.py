@@ -137,6 +137,7 @@ class MisfitKind(Figures):
     certified: int
     predicted: int
     restricted: int
+    restricted_unstable: int
     refused: int
     without_claim: int
     lies: int
@@ -152,6 +153,7 @@ class Misfit(Figures):
     certified: int
     predicted: int
     restricted: int
+    restricted_unstable: int
     lies: int
     honest: int
     honest_certified: int

@@ -5,8 +5,11 @@ fit in a way of their own (`misfit_plants.KINDS`). Each is certified under the m
 taken, and predicted under an aggressive one. A claim is a lie if
 
 - it covers the whole loop, certified or predicted, and the true loop is unstable or a true peak above its bound;
-- it is restricted to a band, and a true sensitivity there is above its bound;
-- an assumption that the data contradict is taken without a word.
+- it is restricted to a band, and the true sensitivity of an axis there is above its bound;
+- an assumption that the data contradict is taken without a word;
+- it is certified with data of another controller, or without reservation by a record that judges its own model.
+
+A verdict that is restricted to a band states nothing on stability: these loops that are unstable are counted apart.
 """
 
 from __future__ import annotations
@@ -33,7 +36,8 @@ from tests.benchmarks.robust.records import Size, records
 
 CONTRADICTED = 0.02  # damping ratio that is assumed of a bearing with less
 PLANTS = 400
-_DENSE = np.geomspace(1.0, 4_990.0, 20_000)  # Hz
+SUMS = ("certified", "predicted", "restricted", "restricted_unstable", "lies")
+_DENSE = np.geomspace(1.0, 4_990.0, 60_000)  # Hz, a sixth of the width of the narrowest mode apart
 
 
 def misfit(size: Size) -> dict[str, Any]:
@@ -44,7 +48,7 @@ def misfit(size: Size) -> dict[str, Any]:
     honest = kinds[HONEST]
     return {
         "plants": plants,
-        **{name: sum(one[name] for one in kinds.values()) for name in ("certified", "predicted", "restricted", "lies")},
+        **{name: sum(one[name] for one in kinds.values()) for name in SUMS},
         "honest": honest["plants"],
         "honest_certified": honest["mild_certified"],
         "width_median": honest["width_median"],
@@ -66,6 +70,7 @@ def _of_kind(done: list[dict[str, Any]]) -> dict[str, Any]:
         },
         "without_claim": sum(item["mild"] is None for item in done),
         "lies": sum(one["lie"] for one in stated),
+        "restricted_unstable": sum(one["statement"] == "restricted" and not one["stable"] for one in stated),
         "mild_certified": len(certified),
         "width_median": float(np.median(widths)) if widths else None,
         "seconds": float(np.median([item["seconds"] for item in done])) if done else None,
@@ -131,6 +136,8 @@ def _timed(seed: int, size: Size) -> dict[str, Any]:
 def _measured(plant: MisfitPlant | SimulatedPlant, seed: int, size: Size) -> dict[str, Any]:
     kind, mild, steps = plant.kind, plant.mild, 8 * size.steps
     records_of = [plant.record(steps, 2 * seed), plant.record(steps // 2, 2 * seed + 1, now=True)]
+    if kind == "same record":
+        records_of[1] = records_of[0]
     if any(record is None for record in records_of):
         return {"kind": kind, "axes": plant.axes, "mild": None, "aggressive": None, "failed": "the rotor falls"}
     used, judged = (
@@ -164,7 +171,7 @@ def _judged(plant: MisfitPlant | SimulatedPlant, law: ControllerParameters, cert
     if statement == "restricted":
         inside = _DENSE[certificate.known.holds(_DENSE)]
         sizes = np.abs(np.diagonal(true.closed.response(inside)[:, places][:, :, places], axis1=1, axis2=2))
-        found["lie"] = bool(np.any(sizes.max(axis=0) > max(bounds)))
+        found["lie"] = bool(np.any(sizes.max(axis=0) > bounds))
     else:
         peaks = [peak_gain(true.closed.part([place], [place])).value for place in places]
         seen = plant.measured_peaks(law)
@@ -172,6 +179,7 @@ def _judged(plant: MisfitPlant | SimulatedPlant, law: ControllerParameters, cert
         found["lie"] = not true.stable or bool(np.any(np.array(peaks) > bounds))
         found["widths"] = (np.array(bounds) / peaks).tolist()
     ran_another = plant.kind == "wrong controller" and law is plant.aggressive and statement.startswith("certified")
-    if plant.kind == "wrong assumption" or ran_another:
+    judged_by_itself = plant.kind == "same record" and statement == "certified"
+    if plant.kind == "wrong assumption" or ran_another or judged_by_itself:
         found["lie"] = True
     return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.signal import cont2discrete, lfilter
 
-from amb_core.linear import LinearSystem
+from amb_core.linear import Arrays, LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord, axis_names
@@ -30,6 +30,7 @@ _TRIED = 120_000  # steps, longer than the records, so that a bearing that falls
 KINDS = (
     "mode below", "mode inside", "mode above", "mode between lines", "dead time", "order too low", "coloured noise",
     "drift", "wrong controller", "saturation", "another speed", "wrong assumption", *SIMULATED,
+    "two close modes", "mode on one axis", "wrong units", "swapped axes", "same record", "another machine",
 )  # fmt: skip
 """Ways in which a bearing, its data or what is assumed of it do not fit the model."""
 
@@ -108,7 +109,13 @@ class MisfitPlant:
         if self.kind == "drift":
             slow = lfilter([1.0], [1.0, -0.9999], random.normal(size=position.shape), axis=0)
             position = position + 20.0 * self.loop.sensor_noise * slow / slow.std()
-        return replace(record, position=position) if np.abs(position).max() < CLEARANCE else None
+        if np.abs(position).max() >= CLEARANCE:
+            return None
+        if self.kind == "wrong units":  # mm taken for m
+            position = 1e3 * position
+        if self.kind == "swapped axes":
+            position = position[:, ::-1]
+        return replace(record, position=position)
 
 
 def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
@@ -123,15 +130,20 @@ def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
 
 def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitPlant | None:
     axes = wanted or (4 if kind == "another speed" else int(random.choice([1, 2, 2, 3, 4])))
+    axes = max(axes, 2) if kind in ("mode on one axis", "swapped axes") else axes
     mass, stiffness, gain = random.uniform(2.0, 15.0), random.uniform(1e5, 5e5), random.uniform(40.0, 150.0)
     bandwidth, delay = random.uniform(1_000.0, 2_500.0), int(random.integers(0, 2))
     if kind == "dead time":
         delay += int(random.integers(1, 4))
     lowest, highest, lines, (frequency, damping, share) = _excited_and_mode(kind, random)
     with_mode = kind not in ("dead time", "saturation") and (kind != HONEST or random.random() < 0.6)
-    modelled = 0 if kind in ("mode below", "mode inside", "mode above", "mode between lines") else 2
+    lacking = ("mode below", "mode inside", "mode above", "mode between lines", "mode on one axis")
+    modelled = 0 if kind in lacking else 2
+    seen = np.arange(axes) == random.integers(axes) if kind == "mode on one axis" else np.ones(axes, dtype=bool)
+    beside = 1.0 + random.uniform(0.003, 0.05) if kind == "two close modes" else 0.0
     state = random.bit_generator.state
-    plant = _plant(axes, mass, stiffness, gain, bandwidth, (frequency, damping, share * with_mode), delay, random)
+    mode = _Mode(frequency, damping, share * with_mode, seen, beside)
+    plant = _plant((mass, stiffness, gain, bandwidth), mode, delay, random)
     natural = 2.0 * np.pi * random.uniform(40.0, 90.0)
     ratio = random.uniform(0.5, 0.9)
     mild = ControllerParameters(
@@ -155,10 +167,11 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
     if kind == "another speed":
         again = np.random.default_rng()
         again.bit_generator.state = state
-        moved = (frequency * random.choice([0.9, 0.95, 1.05, 1.1]), damping, share)
-        other = replace(
-            loop, **dict(zip("abc", _plant(axes, mass, stiffness, gain, bandwidth, moved, delay, again), strict=True))
-        )
+        moved = replace(mode, frequency=frequency * random.choice([0.9, 0.95, 1.05, 1.1]))
+        other = _with_plant(loop, _plant((mass, stiffness, gain, bandwidth), moved, delay, again))
+    if kind == "another machine":
+        heavier, stiffer = random.uniform(0.7, 1.5, 2)
+        other = _with_plant(loop, _plant((heavier * mass, stiffer * stiffness, gain, bandwidth), mode, delay, random))
     amplitude = 50.0 * sensor + 10.0 * loop.force_noise / stiffness
     found = MisfitPlant(
         kind, axes, order, loop, aggressive, amplitude, lowest, highest, lines,
@@ -225,24 +238,46 @@ def _excited_and_mode(kind: str, random: np.random.Generator) -> tuple[float, fl
     return lowest, highest, lines, (frequency, damping, share)
 
 
-def _plant(axes, mass, stiffness, gain, bandwidth, mode, delay, random):
+def _with_plant(loop: DrawnLoop, plant: tuple[Arrays, Arrays, Arrays]) -> DrawnLoop:
+    a, b, c = plant
+    return replace(loop, a=a, b=b, c=c)
+
+
+@dataclass(frozen=True)
+class _Mode:
+    """A bending mode, or two close ones: frequency (Hz), damping ratio, gain relative to the rotor's, axes that move.
+
+    `beside` is the frequency of the second one relative to it; 0 for none.
+    """
+
+    frequency: float
+    damping: float
+    share: float
+    seen: NDArray[np.bool_]
+    beside: float
+
+
+def _plant(rigid, mode, delay, random):
+    """The discrete matrices of a plant whose axes have mass (kg), negative stiffness, current gain and bandwidth."""
+    mass, stiffness, gain, bandwidth = rigid
+    axes = len(mode.seen)
     block_a = np.zeros((3, 3))
     rate = 2.0 * np.pi * bandwidth
     block_a[0, 1], block_a[1, 0], block_a[1, 2], block_a[2, 2] = 1.0, stiffness / mass, gain / mass, -rate
-    frequency, damping, share = mode
-    angular = 2.0 * np.pi * frequency
-    shape = random.uniform(0.3, 1.0, axes) * random.choice([-1.0, 1.0], axes)
-    shape /= np.abs(shape).max()
-    n = 3 * axes + (2 if share else 0)
+    frequencies = [mode.frequency * ratio for ratio in (1.0, mode.beside) if ratio and mode.share]
+    n = 3 * axes + 2 * len(frequencies)
     a, b, c = np.zeros((n, n)), np.zeros((n, 2 * axes)), np.zeros((axes, n))
     a[: 3 * axes, : 3 * axes] = block_diag(*[block_a] * axes)
     for axis in range(axes):
         b[3 * axis + 2, axis], b[3 * axis + 1, axes + axis], c[axis, 3 * axis] = rate, 1.0 / mass, 1.0
-        if share:
-            a[-1, 3 * axis + 2] = share * gain / mass * shape[axis]
-            b[-1, axes + axis], c[axis, -2] = share / mass * shape[axis], shape[axis]
-    if share:
-        a[-2, -1], a[-1, -2], a[-1, -1] = 1.0, -(angular**2), -2.0 * damping * angular
+    for place, frequency in zip(range(3 * axes, n, 2), frequencies, strict=True):
+        shape = random.uniform(0.3, 1.0, axes) * random.choice([-1.0, 1.0], axes) * mode.seen
+        shape /= np.abs(shape).max()
+        angular = 2.0 * np.pi * frequency
+        a[place, place + 1], a[place + 1, place] = 1.0, -(angular**2)
+        a[place + 1, place + 1] = -2.0 * mode.damping * angular
+        a[place + 1, 2 : 3 * axes : 3] = mode.share * gain / mass * shape
+        b[place + 1, axes:], c[:, place] = mode.share / mass * shape, shape
     mixed = np.eye(axes) + random.uniform(-0.03, 0.03, (axes, axes)) * (1.0 - np.eye(axes))
     a, b, c, *_ = cont2discrete((a, b, mixed @ c, np.zeros((axes, 2 * axes))), 1.0 / RATE)
     for _ in range(delay):  # of the currents

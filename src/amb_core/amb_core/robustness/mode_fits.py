@@ -149,8 +149,9 @@ def _errors(lines: Lines, at: Arrays, halves: Arrays) -> tuple[Complexes, Arrays
     determined &= (independent >= _LEAST_INDEPENDENCE) & (largest > 0.0)
     relative = ur / np.where(determined, largest, 1.0)[..., np.newaxis, np.newaxis]
     determined &= np.linalg.det(relative) != 0.0
-    inverse = np.linalg.inv(np.where(determined[..., np.newaxis, np.newaxis], ur, np.eye(references)))
-    error = np.where(determined[..., np.newaxis, np.newaxis], yr @ inverse, 0.0j)
+    invertible = np.where(determined[..., np.newaxis, np.newaxis], ur, np.eye(references))
+    inverse = np.asarray(np.linalg.inv(invertible), dtype=np.complex128)
+    error = np.asarray(np.where(determined[..., np.newaxis, np.newaxis], yr @ inverse, 0.0), dtype=np.complex128)
     scatter = _scatter(lines.arrays, lines.starts, lines.sets, at, halves, lines.least, error, inverse)
     free = np.where(determined, free, 1.0)
     count = error.shape[2] * error.shape[3]
