@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import socket
 import subprocess
 
 import pytest
@@ -31,6 +33,16 @@ def test_a_node_of_this_host_takes_no_packets_from_a_network(graph: Graph) -> No
 def test_a_node_of_the_network_is_reached_from_this_host_too(graph: Graph) -> None:
     pid = start_recorder(graph, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
     assert network.sockets_open_to_network(graph.domain, pid), "otherwise the test above could not fail"
+
+
+@pytest.mark.parametrize(("offsets", "seen"), [((12,), []), ((13, 14), []), ((12, 13), [12, 13]), ((0, 1), [])])
+def test_a_socket_counts_only_if_a_participant_receives_there(offsets, seen) -> None:
+    first = network.PORT_BASE + network.DOMAIN_GAIN * 215  # above the ports that a system gives away
+    with contextlib.ExitStack() as stack:
+        for offset in offsets:
+            one = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            one.bind(("0.0.0.0", first + offset))
+        assert network.sockets_open_to_network(215) == [f"0.0.0.0:{first + offset}" for offset in seen]
 
 
 @pytest.mark.parametrize(

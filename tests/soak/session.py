@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Self
 import psutil
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
+from domain_coordinator import domain_id
 
 from amb_bringup.client import AmbClient
 from amb_bringup.graph.launch_file import NodeProcess
@@ -26,7 +28,7 @@ PACKAGES = {
     "recorder": "amb_ident_node",
 }
 HOST = tuple(name for name in PACKAGES if name != "target_emulator")
-FIRST_PORT = 47_100
+FIRST_PORT = 61_500  # above those that a system gives away, and those of DDS domains in use
 
 
 def emulator_port() -> int:
@@ -52,7 +54,8 @@ class Session:
     def __init__(
         self, folder: Path, machine: Path, target_port: int | None = None, **parameters: dict[str, Any]
     ) -> None:
-        self.domain = 101 + os.getpid() % 100
+        self._reserved = contextlib.ExitStack()
+        self.domain = self._reserved.enter_context(domain_id())
         self.port = emulator_port()
         own = {"target_emulator": {"port": self.port}, "hardware_bridge": {"link": {"port": target_port or self.port}}}
         for node, values in parameters.items():
@@ -91,6 +94,7 @@ class Session:
     ) -> None:
         self.amb.close()
         self.graph.stop()
+        self._reserved.close()
 
     def process(self, node: str) -> psutil.Process:
         """The process of a node."""

@@ -13,7 +13,7 @@ from socket import SOCK_DGRAM
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 THIS_HOST = ("LOCALHOST", "OFF")
-PORT_BASE, DOMAIN_GAIN = 7400, 250  # PB and DG of DDSI-RTPS
+PORT_BASE, DOMAIN_GAIN, UNICAST = 7400, 250, 10  # PB, DG and d1 of DDSI-RTPS
 
 
 def keep_to_this_host() -> None:
@@ -41,20 +41,34 @@ def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
     Parameters
     ----------
     domain : int
-        Their DDS domain, which decides the UDP ports (DDSI-RTPS 2.5, section 9.6.2: 250 ports from 7400 + 250 domain).
-        Ports elsewhere only send. A TCP port that listens counts, too.
+        Their DDS domain, which decides the UDP ports (DDSI-RTPS 2.5, section 9.6.2: from 7400 + 250 domain). A TCP port
+        that listens counts, too.
     pid : int, optional
         The process; by default this one.
     """
     import psutil  # only a bridge needs it
 
-    first = PORT_BASE + DOMAIN_GAIN * domain
+    sockets = psutil.Process(pid).net_connections("inet")
+    receiving = _ports_of_participants(domain, {one.laddr.port for one in sockets if one.type == SOCK_DGRAM})
     found = []
-    for socket in psutil.Process(pid).net_connections("inet"):
+    for socket in sockets:
         host, port = socket.laddr
         listens = socket.status == psutil.CONN_LISTEN
-        receives = socket.type == SOCK_DGRAM and first <= port < first + DOMAIN_GAIN
+        receives = socket.type == SOCK_DGRAM and port in receiving
         address = ip_address(host)
         if (listens or receives) and not (address.is_loopback or address.is_multicast):
             found.append(f"{host}:{port}")
     return sorted(found)
+
+
+def _ports_of_participants(domain: int, ports: set[int]) -> set[int]:
+    """Those of a process's UDP ports at which its DDS participants receive.
+
+    A participant has two neighbours, 10 + 2 i and 11 + 2 i of the domain's ports, and the multicast ports 0 and 1.
+    Other sockets, which only send or are not of DDS, have any port that the system has free: from domain 102 on it may
+    be one of the domain's.
+    """
+    first = PORT_BASE + DOMAIN_GAIN * domain
+    pairs = {(port, port + 1) for port in range(first + UNICAST, first + DOMAIN_GAIN, 2)}
+    unicast = {port for pair in pairs if ports.issuperset(pair) for port in pair}
+    return unicast | (ports & {first, first + 1} if unicast else set())
