@@ -112,3 +112,16 @@ def test_displacement_counts_in_all_data_over_the_clearance_of_each_axis(data, f
 def test_what_is_not_known_of_displacement_and_operation_is_said(plain) -> None:
     assert any("the zone after ISO 14839-2 is not known" in text for text in plain.warnings)
     assert any("operation_amplitude" in text and "was not checked" in text for text in plain.warnings)
+
+
+def test_where_the_response_is_not_linear_in_the_parameters_the_data_bound_it(data, found, plain) -> None:
+    """The ellipsoid taken as linear says 3.1 of a model that has 2.0; what the response may be is measured."""
+    far = replace(found.uncertainty, root=200.0 * found.uncertainty.root)
+    certificate = certify_from_data(found, LAW, Recorded(data, LAW), settings=SETTINGS, uncertainty=far)
+    assert certificate.assessment is not None and certificate.assessment.bounds is not None
+    assert plain.assessment is not None and plain.assessment.bounds is not None
+    for bound, usual in zip(certificate.assessment.bounds.axes, plain.assessment.bounds.axes, strict=True):
+        assert bound.by_data and not usual.by_data
+        assert bound.replayed <= bound.sensitivity.value < 1.1 * usual.sensitivity.value
+    assert any("the bounds are those of the response itself" in warning for warning in certificate.warnings)
+    assert any("by the error of the response that the data leave open" in check.finding for check in certificate.checks)

@@ -29,7 +29,7 @@ from amb_core.robustness.mu import MuPeak, mu_peak
 from amb_core.robustness.replay import distance_from_circle
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
 from amb_core.robustness.structure import UncertainLoop, uncertain_loop
-from amb_core.robustness.worst_cases import AxisBounds, Gap, PoleBounds, WorstCases, plants_of
+from amb_core.robustness.worst_cases import AxisBounds, Gap, PoleBounds, WorstCases
 
 LOWEST = 1e-4  # of half the sample rate, where the curves start
 
@@ -296,9 +296,11 @@ def _bounds(
     if known is not None:
         ends = np.array([known.low, known.high])  # a narrow band may hold no other frequency
         frequency = np.unique(np.concatenate([frequency[known.holds(frequency)], ends]))
-    plants = plants_of(feedback, uncertainty, frequency, known)
-    search = WorstCases(feedback, uncertainty, plants, settings, known)
+    search = WorstCases.of(feedback, uncertainty, frequency, settings, known)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
+    if known is not None and all(math.isfinite(one.replayed) for one in found) and not all(one.linear for one in found):
+        search = WorstCases.of(feedback, uncertainty, frequency, settings, known, by_data=True)
+        found = tuple(search.axis_by_data(axis, one) for axis, one in enumerate(found))
     m, size = feedback.inputs, feedback.outputs
     into = np.eye(size, m + size, m)
     outputs = search.scaled(into, into.T, 0.5 * (settings.skew - 1.0) * np.eye(size))

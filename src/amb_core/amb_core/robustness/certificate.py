@@ -44,7 +44,6 @@ from amb_core.robustness.worst_cases import FAR, AxisBounds
 
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
-AGREES = 0.1  # difference of a bound and the peak of its worst model, relative
 Statement = Literal["certified", "certified with reservations", "predicted", "restricted", "not certified"]
 FARTHEST = 30.0  # of a model from the best one of its data, in standard deviations
 
@@ -323,9 +322,13 @@ def _share(worst: AxisBounds) -> str:
     """What makes a bound: the models of the ellipsoid, the rest of the response's error, or a response not linear."""
     if not math.isfinite(worst.replayed):
         return ""
+    if worst.by_data:
+        return (
+            f" (by the error of the response that the data leave open; the worst model of the ellipsoid has "
+            f"{worst.replayed:.3f})"
+        )
     text = f" (models alone {worst.of_ellipsoid:.3f}, the worst of them as a model {worst.replayed:.3f}"
-    far = worst.of_ellipsoid > (1.0 + AGREES) * worst.replayed
-    return text + ("; the response is not linear in their parameters)" if far else ")")
+    return text + (")" if worst.linear else "; the response is not linear in their parameters)")
 
 
 def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:
@@ -356,9 +359,9 @@ def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
     if assessment is None or assessment.bounds is None:
         return ()
     return tuple(
-        f"axis {one.name}: the bound {one.of_ellipsoid:.3f} at {one.sensitivity.frequency:.4g} Hz is not the peak "
-        f"of its worst model, {one.replayed:.3f}: the data leave the plant so uncertain there that its response is not "
-        "linear in the parameters; take more data, excite there, or lower the order"
+        f"axis {one.name}: the models of the ellipsoid reach {one.of_ellipsoid:.3f} if their response is taken as "
+        f"linear in the parameters, and {one.replayed:.3f} as models: the data leave the parameters so uncertain; "
+        + ("the bounds are those of the response itself" if one.by_data else "take more data, or lower the order")
         for one in assessment.bounds.axes
-        if math.isfinite(one.replayed) and abs(one.replayed - one.of_ellipsoid) > AGREES * one.of_ellipsoid
+        if math.isfinite(one.replayed) and not one.linear
     )

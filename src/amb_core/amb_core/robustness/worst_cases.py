@@ -26,6 +26,8 @@ from amb_core.robustness.settings import RobustnessSettings, Zone, zone_of
 
 FAR = 2.0
 """Distance of a model from the best one of its data, in standard deviations, from which the ellipsoid is larger."""
+AGREES = 0.1
+"""Difference of a bound and the peak of its worst model, relative, up to which the response is linear enough."""
 _NEAR = 21  # further frequencies around each peak
 
 
@@ -48,6 +50,9 @@ class AxisBounds:
         Peak of S of the worst model of the ellipsoid, as a model; infinite if its loop is not stable.
     of_ellipsoid : float
         Largest magnitude of S over the ellipsoid alone, without further errors of the response.
+    by_data : bool
+        Whether the bounds are those of the error of the response that the data show and leave open, without the
+        ellipsoid: its response is not linear in the parameters.
     """
 
     name: str
@@ -58,6 +63,12 @@ class AxisBounds:
     zone: Zone
     replayed: float
     of_ellipsoid: float
+    by_data: bool = False
+
+    @property
+    def linear(self) -> bool:
+        """Whether the largest magnitude over the ellipsoid is about the peak of the model that has it."""
+        return abs(self.replayed - self.of_ellipsoid) <= AGREES * min(self.of_ellipsoid, self.replayed)
 
     def unbounded(self) -> AxisBounds:
         """The same where nothing bounds the sensitivity."""
@@ -107,14 +118,18 @@ class PoleBounds:
 
 
 def plants_of(
-    feedback: Feedback, uncertainty: ModelUncertainty, frequency: Arrays, known: KnownBand | None
+    feedback: Feedback, uncertainty: ModelUncertainty, frequency: Arrays, known: KnownBand | None, by_data: bool = False
 ) -> PlantSet:
-    """The plants that data leave possible; above the known band those of the assumed class, whatever the model."""
+    """The plants that data leave possible; above the known band those of the assumed class, whatever the model.
+
+    `by_data`: those whose response differs from the model's by no more than the data show and leave open, at every
+    frequency, whatever the ellipsoid.
+    """
     if known is None:
         return PlantSet.of(uncertainty, frequency)
     plants = PlantSet.of(uncertainty, frequency, known.error(feedback, frequency))
     inside = (frequency <= known.high)[:, np.newaxis, np.newaxis]
-    return replace(plants, axes=plants.axes * inside)
+    return replace(plants, axes=plants.axes * (inside & (not by_data)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +141,41 @@ class WorstCases:
     plants: PlantSet
     settings: RobustnessSettings
     known: KnownBand | None = None
+    by_data: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        feedback: Feedback,
+        uncertainty: ModelUncertainty,
+        frequency: Arrays,
+        settings: RobustnessSettings,
+        known: KnownBand | None,
+        by_data: bool = False,
+    ) -> WorstCases:
+        """Over the plants of some frequencies; see `plants_of`."""
+        plants = plants_of(feedback, uncertainty, frequency, known, by_data)
+        return cls(feedback, uncertainty, plants, settings, known, by_data)
 
     @property
     def _wider(self) -> float:
         """Factor of all radii: a model far from the best one of its data is as far from the truth."""
         return self.uncertainty.distance if self.uncertainty.distance > FAR else 1.0
+
+    def axis_by_data(self, axis: int, models: AxisBounds) -> AxisBounds:
+        """Bounds by the error of the response that the data leave open; not below the peak of the worst model."""
+        sensitivity, complementary, disk = (
+            self._of_axis(axis, plus, 1.0) for plus in (0.0, -1.0, 0.5 * (self.settings.skew - 1.0))
+        )
+        sensitivity = replace(sensitivity, value=max(sensitivity.value, models.replayed))
+        return replace(
+            models,
+            sensitivity=sensitivity,
+            complementary=complementary,
+            disk=disk,
+            zone=zone_of(sensitivity.value, self.settings.sensitivity_limits),
+            by_data=True,
+        )
 
     def axis(self, axis: int, name: str) -> AxisBounds:
         """Bounds of one axis."""
@@ -182,7 +227,7 @@ class WorstCases:
         place = int(np.searchsorted(self.plants.frequency, rough.frequency))
         low, high = max(place - 1, 0), min(place + 1, len(self.plants.frequency) - 1)
         near = np.linspace(float(self.plants.frequency[low]), float(self.plants.frequency[high]), _NEAR)
-        fine = search(plants_of(self.feedback, self.uncertainty, near, self.known))
+        fine = search(plants_of(self.feedback, self.uncertainty, near, self.known, self.by_data))
         if fine.value <= rough.value:
             return rough
         return Worst(fine.value, fine.frequency, rough.curve, fine.factors)
