@@ -47,7 +47,7 @@ class Size:
 def build(folder: Path) -> Path:
     """Compile and link the port."""
     image = folder / "target.elf"
-    files = [*sorted(SOURCE.glob("*.c")), *sorted(PORT.glob("*.c"))]
+    files = [*sorted(SOURCE.glob("*.c")), SOURCE / "ports" / "stream.c", *sorted(PORT.glob("*.c"))]
     link = ("-Wl,--gc-sections", "-nostartfiles", "--specs=nano.specs", "-T", str(PORT / "memory.ld"))
     subprocess.run([*COMPILER, *link, "-o", image, *files, "-lm"], check=True)
     return image

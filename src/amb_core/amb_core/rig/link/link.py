@@ -246,6 +246,31 @@ class TargetLink(ABC):
     def reset_faults(self) -> None:
         """Forget latched trips."""
 
+    def trip_record(self) -> list[TelemetryBlock]:
+        """What the target itself keeps of the second before its first trip: an optional capability.
+
+        Returns
+        -------
+        list of TelemetryBlock
+            Consecutive blocks with status words, in the order of their steps.
+
+        Raises
+        ------
+        TargetError
+            If it keeps nothing, cannot be reached, or this link cannot ask for it.
+        """
+        raise TargetError("this link does not read what a target keeps")
+
+    def forget_trip_record(self) -> None:
+        """Let the target keep the second before its next trip, while it stays levitated.
+
+        Raises
+        ------
+        TargetError
+            As `trip_record`.
+        """
+        raise TargetError("this link does not read what a target keeps")
+
     @abstractmethod
     def status(self) -> TargetStatus:
         """The state of the target now.

@@ -32,6 +32,8 @@ def require_done(where: str, command: Command, reply: Reply) -> None:
     reason = _REASONS.get(reply.code, f"it is {reply.status.state.name.lower()}")
     if (command.type, reply.code, reply.status.state) == (FrameType.LEVITATE, Code.WRONG_STATE, TargetState.OFF):
         reason = "it has measured nothing since its start, or since the latest reset"
+    if (command.type, reply.code) == (FrameType.RECORD, Code.WRONG_STATE):
+        raise TargetError(f"{where} keeps nothing: no trip since its start or reset, or no memory for it")
     if reply.code is Code.WRONG_STATE and reply.status.excitation is not ExcitationPhase.NONE:
         reason += f", with an excitation {reply.status.excitation.name.lower()}"
     raise TargetError(f"{where} refuses {command.type.name}: {reason}")
