@@ -218,8 +218,8 @@ static int judged(const struct amb_target *t, size_t end, const struct amb_peer 
     if (difference) return AMB_FORGED;
     bool current = t->io[5] == AMB_CURRENT;
     uint64_t number = amb_get64(t->io + (current ? 16 : AMB_HEADER)), last = current ? t->spent : t->counter;
-    if (!current && number - last > UINT32_MAX) return AMB_REPLAYED; /* or far ahead: the last counters are not used up */
-    return number <= last ? AMB_REPLAYED : AMB_COUNTS;
+    bool far = !current && number > last && number - last > UINT32_MAX; /* or one uses up all */
+    return number <= last || far ? AMB_REPLAYED : AMB_COUNTS;
 }
 
 void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *from) {

@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.front_door.results import results_file
 from tests.fuzz import target
-from tests.soak import board, commissioning, conformance, parts, recovery, safety, trips
+from tests.soak import board_model, commissioning, conformance, parts, recovery, safety, trips
 
 Part = Callable[..., dict[str, Any]]
 PARTS: dict[str, tuple[Part, dict[str, float]]] = {
@@ -35,7 +35,7 @@ PARTS: dict[str, tuple[Part, dict[str, float]]] = {
         {"kinds": 5, "each": 1, "healthy": 1},
     ),
     "conformance": (lambda folder, **size: conformance.conformance(**size), {"most": 3}),
-    "board": (lambda folder, **size: board.board(**size), {"excited": 20}),
+    "board": (lambda folder, **size: board_model.board(**size), {"excited": 20, "multisine_steps": 1_000}),
     "bridge_fuzz": (parts.bridge_fuzz, {"frames": 2_000}),
     "target_fuzz": (lambda folder, **size: target_fuzz(**size), {"frames": 20_000}),
 }
