@@ -46,7 +46,6 @@ from amb_sim_node.rig_state import RigState, report
 from amb_sim_node.rig_watch import Reactions, RigWatch
 
 STATE_PERIOD = 0.1  # s between messages on the state, and without samples until a partial block is published
-RECORD_PATIENCE = 10.0  # s for which a reset waits until the target's record of a trip has been read
 PATIENCE = 5.0  # s in addition to its duration for a levitation or a landing
 
 
@@ -337,7 +336,7 @@ class HardwareBridgeNode(ManagedNode):
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
         self.get_logger().info("reset_faults: asked for")
-        self._watch.report_trips(RECORD_PATIENCE)
+        self._watch.report_trips()
         link.reset_faults()
         self._watch.forget_own_trips()
         self.problem = self.refusal = ""

@@ -21,7 +21,15 @@ from amb_core.ground.errors import TargetError, one_line
 from amb_core.loop.machine import Machine
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.rig import BridgeTrip, Runs, RunSamples, TripLog, describe
-from amb_core.rig.link import TargetDescription, TargetLink, TargetState, TargetStatus, TelemetryBlock, Trip
+from amb_core.rig.link import (
+    NoRecordError,
+    TargetDescription,
+    TargetLink,
+    TargetState,
+    TargetStatus,
+    TelemetryBlock,
+    Trip,
+)
 from amb_core.rig.trips import LOOP_STAYS, axis_of
 from amb_msgs.msg import AxisSamples, LoopSamples
 from amb_msgs.msg import Trip as TripMessage
@@ -29,6 +37,12 @@ from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY
 from amb_ros.signals import AxisSignalPublishers
 from amb_sim_node.rig_host_loop import HostLoop
+
+PATIENCE = 10.0  # s for which a reset waits until the target's record of a trip has been read
+AGAIN, ATTEMPTS = (
+    0.5,
+    10,
+)  # s after which what a target keeps is asked for again, since the link may be back, and how often
 
 
 @dataclass(frozen=True)
@@ -99,6 +113,7 @@ class RigWatch:
         )
         self._signals = AxisSignalPublishers(node, 0.0)
         self._trip_publisher = node.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
+        self._closed = threading.Event()
         self._reporter = ThreadPoolExecutor(1, thread_name_prefix="trips")  # in the order of their occurrence
 
     # -- the life cycle of the bridge
@@ -132,14 +147,15 @@ class RigWatch:
                 self._flushed = self.runs.next_target_step
         self._publish_trips()
 
-    def report_trips(self, patience: float) -> None:
-        """Publish all trips that are known, before the target forgets what it keeps of them; waits so long (s)."""
+    def report_trips(self) -> None:
+        """Publish all trips that are known, before the target forgets what it keeps of them."""
         self._publish_trips(math.inf)
         with contextlib.suppress(NotInTime):
-            self._reporter.submit(lambda: None).result(patience)
+            self._reporter.submit(lambda: None).result(PATIENCE)
 
     def close(self) -> None:
         """Publish nothing more."""
+        self._closed.set()
         self._reporter.shutdown(wait=False, cancel_futures=True)
 
     def forget_own_trips(self) -> None:
@@ -241,12 +257,24 @@ class RigWatch:
             lacks = runs is not None and runs.holds(trip.step) and bool(runs.lacking_before(trip.step))
         try:
             if lacks:
-                kept = self._reactions.link().trip_record()
+                kept = self._kept_by_target()
             if trip.reason in LOOP_STAYS:  # the next trip has a second of its own
                 self._reactions.link().forget_trip_record()
         except TargetError as error:
             problem = f"the record of the target is not there: {one_line(error)}"
         self._publish_trip(trip, kept, problem)
+
+    def _kept_by_target(self) -> list[TelemetryBlock]:
+        """What the target keeps of the second before a trip, as soon as the link is there."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return self._reactions.link().trip_record()
+            except NoRecordError:
+                raise
+            except TargetError:
+                if self._closed.wait(AGAIN):
+                    break
+        return self._reactions.link().trip_record()
 
     def _publish_trip(self, trip: Trip, kept: Sequence[TelemetryBlock] = (), problem: str = "") -> None:
         machine, runs = self.machine, self.runs

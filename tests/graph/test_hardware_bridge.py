@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import os
 import random
 import signal
 from pathlib import Path
@@ -238,70 +237,6 @@ def test_every_trip_is_latched_dated_and_comes_with_the_second_before_it(graph: 
         assert not rig.change("activate")  # latched
         rig.set("target_emulator", **repair)
         graph.wait_until(lambda: _heals(rig), "the reset")
-
-
-def test_the_second_before_a_trip_is_whole_though_telemetry_was_lost_for_four_seconds(graph: Graph) -> None:
-    rig = Rig(graph, emulator={"real_time_factor": 1.0})
-    run = rig.levitate()
-    rig.wait_for_step(1_000)
-    trip, lost = _trip_in_silence(rig)
-    assert (trip.run, trip.reason) == (run, Trip.AMPLIFIER)
-    assert lost > 40_000
-    blocks = [block_from_message(block) for block in trip.before]
-    assert sum(block.steps for block in blocks) == 10_000
-    assert blocks[0].first_step == trip.step - 10_000
-    assert all(later.first_step == block.first_step + block.steps for block, later in itertools.pairwise(blocks))
-    assert "missing" not in trip.text
-    rig.set("target_emulator", faults__amplifier=False)
-    graph.wait_until(lambda: _heals(rig), "the reset")
-
-
-FORGETFUL = """
-from amb_core.ground.errors import TargetError
-from amb_core.rig.link import AmbUdpLink
-
-class Forgetful(AmbUdpLink):
-    def __init__(self, parameters):
-        super().__init__(port=parameters.port, timeout=parameters.timeout, silence=parameters.silence)
-
-    def trip_record(self):
-        raise TargetError("its memory is full")
-"""
-
-
-def test_a_trip_reports_what_is_missing_and_why_the_target_did_not_have_it(
-    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "forgetful.py").write_text(FORGETFUL)
-    (tmp_path / "forgetful-1.0.dist-info").mkdir()
-    for name, text in {"METADATA": "Metadata-Version: 2.1\nName: forgetful\nVersion: 1.0\n",
-                       "entry_points.txt": "[amb.links]\nforgetful = forgetful:Forgetful\n"}.items():  # fmt: skip
-        (tmp_path / "forgetful-1.0.dist-info" / name).write_text(text)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    rig = Rig(graph, emulator={"real_time_factor": 1.0}, bridge={"link.kind": "forgetful"})
-    rig.levitate()
-    rig.wait_for_step(1_000)
-    trip, _ = _trip_in_silence(rig)
-    kept = sum(steps_in(block) for block in trip.before)
-    assert kept < 10_000
-    expected = f"{10_000 - kept} of the 10000 steps before it are missing here; the record of the target is not there"
-    assert f"{expected}: its memory is full" in trip.text
-
-
-def _trip_in_silence(rig: Rig) -> tuple[Trip, int]:
-    """A trip while nothing of four seconds reaches the bridge; how many samples were lost."""
-
-    def steps() -> int:
-        return int(rig.values("target_emulator")["steps"])
-
-    rig.set("target_emulator", faults__to_host__loss=1.0)
-    began = steps()
-    rig.graph.wait_until(lambda: steps() > began + 40_000, "four seconds")
-    rig.set("target_emulator", faults__amplifier=True)
-    rig.graph.wait_until(lambda: rig.values("target_emulator")["trips"] != "none" or steps() > began + 60_000, "a trip")
-    rig.set("target_emulator", faults__to_host__loss=0.0)
-    rig.graph.wait_until(lambda: bool(rig.trips), "the trip")
-    return rig.trips[0], int(rig.state.lost)
 
 
 def _heals(rig: Rig) -> bool:

@@ -83,7 +83,7 @@ class CommandedLink(TargetLink):
         Raises
         ------
         TargetError
-            If it keeps nothing, is not reached any more, or sends another record meanwhile.
+            If it is not reached any more, or sends another record meanwhile; NoRecordError if it keeps nothing.
         """
         blocks: list[TelemetryBlock] = []
         read, rows = 0, -1

@@ -45,6 +45,10 @@ class TooLateError(TargetError):
         self.next_step = next_step
 
 
+class NoRecordError(TargetError):
+    """A target, or a link to it, keeps nothing of the second before a trip: there is nothing to wait for."""
+
+
 @dataclass(frozen=True)
 class TargetDescription:
     """What a target is.
@@ -256,20 +260,22 @@ class TargetLink(ABC):
 
         Raises
         ------
+        NoRecordError
+            If it keeps nothing, or this link cannot ask for it.
         TargetError
-            If it keeps nothing, cannot be reached, or this link cannot ask for it.
+            If it cannot be reached.
         """
-        raise TargetError("this link does not read what a target keeps")
+        raise NoRecordError("this link does not read what a target keeps")
 
     def forget_trip_record(self) -> None:
         """Let the target keep the second before its next trip, while it stays levitated.
 
         Raises
         ------
-        TargetError
+        NoRecordError, TargetError
             As `trip_record`.
         """
-        raise TargetError("this link does not read what a target keeps")
+        raise NoRecordError("this link does not read what a target keeps")
 
     @abstractmethod
     def status(self) -> TargetStatus:
