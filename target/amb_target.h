@@ -26,7 +26,7 @@ enum {
 enum amb_type {
     AMB_HELLO = 0x01, AMB_HEARTBEAT = 0x10, AMB_STREAM, AMB_LEVITATE, AMB_DELEVITATE, AMB_FAULT_RESET, AMB_CLOCK,
     AMB_BEGIN, AMB_DATA, AMB_BITMAP, AMB_COMMIT, AMB_ARM, AMB_DISARM, AMB_PARAMETERS, AMB_CONTROLLER, AMB_CURRENT,
-    AMB_DESCRIPTION = 0x81, AMB_REPLY, AMB_TELEMETRY = 0x90, AMB_STATUS
+    AMB_RECORD, AMB_DESCRIPTION = 0x81, AMB_REPLY, AMB_TELEMETRY = 0x90, AMB_STATUS
 };
 /* Codes of replies; the last stands for none at all. */
 enum amb_code {
@@ -64,6 +64,7 @@ struct amb_config {
     double limits[AMB_LIMITS], gains[AMB_AXES][AMB_GAINS];
     uint8_t *waveform; /* buffer of uploads, of so many bytes: */
     uint32_t waveform_size;
+    uint32_t *record, record_words; /* buffer of the second before a trip: 3 axes + 1 words a step; 0: none is kept */
 };
 
 struct amb_peer { uint32_t address; uint16_t port; bool loopback; };
@@ -115,6 +116,8 @@ struct amb_target {
     uint32_t fade_left;
     double value[AMB_AXES];
     struct amb_upload upload;
+    /* Second before a trip: the step after its last row, where the next one goes, how many there are */
+    struct { uint64_t end; uint32_t next, rows; bool kept; } record;
     /* Communication */
     uint8_t nonce[AMB_NONCE], last_tag[AMB_TAG], last_type, last_code;
     uint32_t session, sequence;

@@ -157,13 +157,14 @@ static enum amb_code fault_reset(struct amb_target *t) {
     t->trips = 0;
     if (t->state == AMB_TRIPPED) t->state = AMB_OFF;
     t->measured = false;
+    amb_forget(t);
     return AMB_DONE;
 }
 
 static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *body, size_t length, uint64_t step,
                              const struct amb_peer *from) {
-    static const uint8_t lengths[] = {0, 8, 8, 8, 0, 8, 24, 8, 4, 4, 8, 0, 8, 8}; /* from AMB_HEARTBEAT on */
-    if (type < AMB_HEARTBEAT || type > AMB_CONTROLLER) return AMB_UNKNOWN;
+    static const uint8_t lengths[] = {0, 8, 8, 8, 0, 8, 24, 8, 4, 4, 8, 0, 8, 8, 0, 8}; /* from AMB_HEARTBEAT on */
+    if (type < AMB_HEARTBEAT || type > AMB_RECORD) return AMB_UNKNOWN;
     if (type == AMB_DATA || type == AMB_PARAMETERS ? length <= 8 : length != lengths[type - AMB_HEARTBEAT])
         return AMB_BAD_LENGTH;
     switch (type) {
@@ -181,20 +182,23 @@ static enum amb_code execute(struct amb_target *t, uint8_t type, const uint8_t *
     case AMB_DISARM: amb_disarm(t); return AMB_DONE;
     case AMB_PARAMETERS: return set_parameters(t, body, length);
     case AMB_CONTROLLER: return choose_controller(t, body);
+    case AMB_RECORD: return amb_record(t, amb_get32(body), amb_get32(body + 4));
     default: return AMB_DONE; /* heartbeat, clock */
     }
 }
 
 static void reply(struct amb_target *t, bool repeated, const struct amb_peer *to) {
-    uint64_t host_time = amb_get64(t->io + AMB_SEALED), step;
+    uint64_t asked = amb_get64(t->io + AMB_SEALED), step; /* time of the host; or first row, and whether to forget */
     uint8_t type = t->last_type, code = t->last_code;
     if (code == AMB_SILENT) return;
     uint8_t *head = t->io + AMB_SEALED, *extra = amb_put_status(t, head + 8, &step), *p = extra;
-    if (type == AMB_CLOCK && !repeated) p = amb_put(amb_put(p, host_time, 8), board_time(t->board), 8);
+    if (type == AMB_CLOCK && !repeated) p = amb_put(amb_put(p, asked, 8), board_time(t->board), 8);
     if (type == AMB_BITMAP && code == AMB_DONE && !repeated) {
         p = amb_put(amb_put(p, t->upload.id, 4), t->upload.chunks, 4);
         p = amb_put_bytes(p, t->upload.bitmap, (t->upload.chunks + 7) / 8);
     }
+    if (type == AMB_RECORD && code == AMB_DONE && !repeated && asked >> 32 == 0)
+        p = amb_put_record(t, p, t->io + AMB_FRAME - AMB_TAG - AMB_CRC, (uint32_t)asked);
     amb_put(head, type | (uint32_t)code << 8 | (uint32_t)(extra - head - 8) << 16, 4);
     amb_put(head + 4, (uint64_t)(p - extra), 4);
     amb_put(t->io + AMB_HEADER, t->counter, 8);
@@ -214,7 +218,8 @@ static int judged(const struct amb_target *t, size_t end, const struct amb_peer 
     if (difference) return AMB_FORGED;
     bool current = t->io[5] == AMB_CURRENT;
     uint64_t number = amb_get64(t->io + (current ? 16 : AMB_HEADER)), last = current ? t->spent : t->counter;
-    return number <= last ? AMB_REPLAYED : AMB_COUNTS;
+    bool far = !current && number > last && number - last > UINT32_MAX; /* or one uses up all */
+    return number <= last || far ? AMB_REPLAYED : AMB_COUNTS;
 }
 
 void amb_receive(struct amb_target *t, size_t length, const struct amb_peer *from) {

@@ -49,6 +49,13 @@ enum amb_code amb_commit(struct amb_target *t, uint32_t id);
 enum amb_code amb_arm(struct amb_target *t, uint64_t step, uint32_t id);
 void amb_disarm(struct amb_target *t);
 void amb_excite(struct amb_target *t); /* sets t->value for this step */
+/* recorder.c */
+void amb_remember(struct amb_target *t, uint32_t status); /* this step, unless those before a trip are kept */
+void amb_keep(struct amb_target *t);                      /* those before this step */
+void amb_forget(struct amb_target *t);
+void amb_renew(struct amb_target *t); /* levitated for 10 s after a trip: the next one has a second of its own */
+enum amb_code amb_record(struct amb_target *t, uint32_t first, uint32_t forget);
+uint8_t *amb_put_record(const struct amb_target *t, uint8_t *p, const uint8_t *end, uint32_t first);
 /* target.c */
 enum amb_code amb_stream(struct amb_target *t, const uint8_t *body, const struct amb_peer *to);
 void amb_apply(struct amb_target *t); /* the currents, or none */

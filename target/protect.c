@@ -16,6 +16,7 @@ void amb_trip(struct amb_target *t, enum amb_reason reason, size_t axis, double 
         if (t->trip[i].reason == reason) return;
     t->trip[t->trips++] = (struct amb_trip){(uint8_t)reason, (uint8_t)axis, t->step, value};
     t->report = true;
+    amb_keep(t);
 }
 
 /* What is missed is owed; a step without a miss pays back so much that a share of misses beyond the limit adds up. */

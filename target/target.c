@@ -10,7 +10,8 @@ static bool usable(double value) { return value > 0.0 && isfinite(value); }
 static bool sound(const struct amb_config *config) {
     if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES) return false;
     if (config->key_length > AMB_KEY || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
-    if (!usable(config->sample_rate) || (config->waveform_size && !config->waveform)) return false;
+    if (!usable(config->sample_rate)) return false;
+    if ((config->waveform_size && !config->waveform) || (config->record_words && !config->record)) return false;
     for (size_t i = 0; i < AMB_LIMITS; i++)
         if (!(config->limits[i] > 0.0)) return false;
     for (const struct amb_axis *axis = config->axis; axis < config->axis + config->axes; axis++) {
@@ -99,14 +100,16 @@ static uint8_t *put_values(uint8_t *p, const double *values, size_t count, bool 
 static void record(struct amb_target *t) {
     size_t axes = t->config->axes;
     bool wide = t->options & FLOAT64;
+    uint32_t flags = (uint32_t)t->alarm << 3 | (uint32_t)t->excitation << 4 | (uint32_t)t->trips << 8;
+    uint32_t status = (uint32_t)t->state | flags;
+    amb_remember(t, status);
     if (!t->per_frame) return;
     if (!t->filled) t->first[t->filling] = t->step;
     uint8_t *p = t->block[t->filling] + ROWS + (size_t)t->filled * t->row;
     p = put_values(put_values(p, t->reference, axes, wide), t->sensors.position, axes, wide);
     p = put_values(p, t->current, axes, wide);
     if (t->options & COILS) p = put_values(p, t->sensors.coil, t->config->coils, wide);
-    uint32_t status = (uint32_t)t->state | (uint32_t)t->alarm << 3 | (uint32_t)t->excitation << 4;
-    if (t->options & STATUS) amb_put(p, status | (uint32_t)t->trips << 8, wide ? 8 : 4);
+    if (t->options & STATUS) amb_put(p, status, wide ? 8 : 4);
     if (++t->filled < t->per_frame) return;
     t->filled = 0;
     t->count[AMB_UNSENT] += t->pending; /* the background was too slow: a gap in the steps */
@@ -180,6 +183,7 @@ void amb_poll(struct amb_target *t) {
     board_lock(t->board);
     bool report = t->report; /* taken back before the status is read, so that no trip is missed in between */
     t->report = false;
+    amb_renew(t);
     board_unlock(t->board);
     uint8_t *end = amb_put_status(t, t->io + AMB_HEADER, &step);
     if (!t->per_frame || (!report && step - t->last_status < amb_steps(t, 0.1))) return;

@@ -37,17 +37,23 @@ def missing() -> str:
 
 @dataclass(frozen=True)
 class Size:
-    """Memory of the image: code and constants, variables, variables without the buffer of uploads (bytes)."""
+    """Memory of the image: code and constants, variables, its two buffers, and variables without them (bytes)."""
 
     code: int
     ram: int
-    ram_without_uploads: int
+    waveform: int
+    record: int
+
+    @property
+    def ram_without_buffers(self) -> int:
+        """Variables without the buffers of uploads and of the second before a trip (bytes)."""
+        return self.ram - self.waveform - self.record
 
 
 def build(folder: Path) -> Path:
     """Compile and link the port."""
     image = folder / "target.elf"
-    files = [*sorted(SOURCE.glob("*.c")), *sorted(PORT.glob("*.c"))]
+    files = [*sorted(SOURCE.glob("*.c")), SOURCE / "ports" / "stream.c", *sorted(PORT.glob("*.c"))]
     link = ("-Wl,--gc-sections", "-nostartfiles", "--specs=nano.specs", "-T", str(PORT / "memory.ld"))
     subprocess.run([*COMPILER, *link, "-o", image, *files, "-lm"], check=True)
     return image
@@ -58,10 +64,9 @@ def size(image: Path) -> Size:
     sections = subprocess.run(["arm-none-eabi-size", "-A", image], check=True, capture_output=True, text=True).stdout
     bytes_of = {name: int(count) for name, count in re.findall(r"^(\.\S+)\s+(\d+)", sections, re.MULTILINE)}
     symbols = subprocess.run(["arm-none-eabi-nm", "-S", image], check=True, capture_output=True, text=True).stdout
-    found = re.search(r"^\w+ (\w+) \w waveform$", symbols, re.MULTILINE)
-    assert found is not None
+    buffers = {name: int(count, 16) for count, name in re.findall(r"^\w+ (\w+) \w (\w+)$", symbols, re.MULTILINE)}
     ram = bytes_of[".data"] + bytes_of[".bss"]
-    return Size(bytes_of[".text"] + bytes_of[".data"], ram, ram - int(found[1], 16))
+    return Size(bytes_of[".text"] + bytes_of[".data"], ram, buffers["waveform"], buffers["record"])
 
 
 @dataclass(frozen=True)

@@ -234,6 +234,9 @@ def rows_of_exchange() -> list[Exchanged | Stepped]:
     steps("sensor repaired", 1)  # a reset keeps what the latest measurement still shows
     send("fault reset", rig.writer.write(commands.fault_reset()))
     _by_host(rig, send, steps)
+    step((0.0, math.nan))
+    take("sensor failed while levitated by the host")
+    _second_before_the_trip(rig, send)
     return frames
 
 
@@ -248,6 +251,15 @@ def _by_host(rig: Rig, send: Callable[[str, bytes], None], steps: Callable[[str,
         steps(f"sample {number}", 1)
         step = rig.target.steps - 1
         send(f"current {number}", commands.current(rig.session, step, (0.125 * number, -0.25)))
+
+
+def _second_before_the_trip(rig: Rig, send: Callable[[str, bytes], None]) -> None:
+    for name, command in (
+        ("record", commands.record(0)), ("record from its second row", commands.record(1)),
+        ("record beyond its end", commands.record(1000)), ("forget record", commands.forget_record()),
+        ("record that is forgotten", commands.record(0)),
+    ):  # fmt: skip
+        send(name, rig.writer.write(command))
 
 
 def golden() -> list[Exchanged]:
@@ -274,7 +286,7 @@ def replayed() -> list[bytes]:
     )  # fmt: skip
     target = ReferenceTarget(
         library(), described, limits, key=bytes.fromhex(recorded["key"]), coils=found["coils"],
-        nonce=bytes.fromhex(recorded["nonce"]),
+        nonce=bytes.fromhex(recorded["nonce"]), record_steps=found["record_steps"],
     )  # fmt: skip
     sent: list[bytes] = []
     for row in recorded["frames"]:
@@ -316,6 +328,7 @@ def _configuration() -> dict[str, object]:
     return {
         "machine": described.name, "firmware": "reference", "firmware_version": list(FIRMWARE),
         "sample_rate": described.sample_rate, "coils": 4, "waveform_bytes": 4 * 100_000 * 8,
+        "record_steps": round(described.sample_rate),
         "axes": [asdict(axis) | {"clearance": clearance[axis.bearing]} for axis in described.axes],
         "limits": dict(zip(asdict(limits), _numbers(asdict(limits).values()), strict=True)), "gains": gains.tolist(),
     }  # fmt: skip

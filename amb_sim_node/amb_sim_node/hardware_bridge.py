@@ -88,7 +88,7 @@ class HardwareBridgeNode(ManagedNode):
         else:
             self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
             sampled = topics.TELEMETRY
-        reactions = Reactions(self._note_state, self._on_switched_off, self._on_rebooted)
+        reactions = Reactions(self._note_state, self._on_switched_off, self._on_rebooted, self._connected)
         self._watch = RigWatch(self, reactions, self._host_loop)
         self._state = RigState(self, self._watch)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
@@ -108,6 +108,7 @@ class HardwareBridgeNode(ManagedNode):
             self.worker.submit(self._leave).result(self._settings.landing_time + 2.0 * PATIENCE)
         except NotInTime:
             self.get_logger().error("the worker does not end; the target is left as it is")
+        self._watch.close()
         for worker in (self.worker, self._at_once):
             worker.shutdown(wait=False, cancel_futures=True)
 
@@ -335,6 +336,7 @@ class HardwareBridgeNode(ManagedNode):
     def _on_reset_faults(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         link = self._connected()
         self.get_logger().info("reset_faults: asked for")
+        self._watch.report_trips()
         link.reset_faults()
         self._watch.forget_own_trips()
         self.problem = self.refusal = ""

@@ -5,25 +5,44 @@ Telemetry and trips are published from here. What concerns the life cycle is pas
 
 from __future__ import annotations
 
+import contextlib
+import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import dataclass
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from amb_core.ground.errors import TargetError, one_line
 from amb_core.loop.machine import Machine
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.rig import BridgeTrip, Runs, RunSamples, TripLog, describe
-from amb_core.rig.link import TargetDescription, TargetState, TargetStatus, TelemetryBlock, Trip
-from amb_core.rig.trips import axis_of
+from amb_core.rig.link import (
+    NoRecordError,
+    TargetDescription,
+    TargetLink,
+    TargetState,
+    TargetStatus,
+    TelemetryBlock,
+    Trip,
+)
+from amb_core.rig.trips import LOOP_STAYS, axis_of
 from amb_msgs.msg import AxisSamples, LoopSamples
 from amb_msgs.msg import Trip as TripMessage
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY
 from amb_ros.signals import AxisSignalPublishers
 from amb_sim_node.rig_host_loop import HostLoop
+
+PATIENCE = 10.0  # s for which a reset waits until the target's record of a trip has been read
+AGAIN, ATTEMPTS = (
+    0.5,
+    10,
+)  # s after which what a target keeps is asked for again, since the link may be back, and how often
 
 
 @dataclass(frozen=True)
@@ -38,11 +57,14 @@ class Reactions:
         The target has switched off by itself.
     rebooted : callable
         The target has forgotten its settings.
+    link : callable
+        Returns the link, or raises TargetError; called in a thread of its own.
     """
 
     changed: Callable[[], None]
     switched_off: Callable[[], None]
     rebooted: Callable[[], None]
+    link: Callable[[], TargetLink]
 
 
 class RigWatch:
@@ -91,6 +113,8 @@ class RigWatch:
         )
         self._signals = AxisSignalPublishers(node, 0.0)
         self._trip_publisher = node.create_publisher(TripMessage, topics.TRIP, EVERY_STATE)
+        self._closed = threading.Event()
+        self._reporter = ThreadPoolExecutor(1, thread_name_prefix="trips")  # in the order of their occurrence
 
     # -- the life cycle of the bridge
 
@@ -122,6 +146,17 @@ class RigWatch:
                     self._publish(self.runs.flush())
                 self._flushed = self.runs.next_target_step
         self._publish_trips()
+
+    def report_trips(self) -> None:
+        """Publish all trips that are known, before the target forgets what it keeps of them."""
+        self._publish_trips(math.inf)
+        with contextlib.suppress(NotInTime):
+            self._reporter.submit(lambda: None).result(PATIENCE)
+
+    def close(self) -> None:
+        """Publish nothing more."""
+        self._closed.set()
+        self._reporter.shutdown(wait=False, cancel_futures=True)
 
     def forget_own_trips(self) -> None:
         """Forget those that the bridge has latched."""
@@ -204,22 +239,53 @@ class RigWatch:
         self._publish_trip(trip)
         self._reactions.changed()
 
-    def _publish_trips(self) -> None:
-        """Publish the trips up to which telemetry has arrived."""
+    def _publish_trips(self, now: float | None = None) -> None:
+        """Publish the trips up to which telemetry has arrived, or that have waited for it until now (s)."""
         with self.lock:
             step = self.runs.next_target_step if self.runs is not None else 0
-            ready = self._trips.ready(step, time.monotonic())
+            ready = self._trips.ready(step, time.monotonic() if now is None else now)
         for trip in ready:
-            self._publish_trip(trip)
+            with contextlib.suppress(RuntimeError):  # closed: the node ends
+                self._reporter.submit(self._report, trip)
 
-    def _publish_trip(self, trip: Trip) -> None:
+    def _report(self, trip: Trip) -> None:
+        """Publish a trip of the target, with the record of the target where telemetry lacks something."""
+        kept: list[TelemetryBlock] = []
+        problem = ""
+        with self.lock:
+            runs = self.runs
+            lacks = runs is not None and runs.holds(trip.step) and bool(runs.lacking_before(trip.step))
+        try:
+            if lacks:
+                kept = self._kept_by_target()
+            if trip.reason in LOOP_STAYS:  # the next trip has a second of its own
+                self._reactions.link().forget_trip_record()
+        except TargetError as error:
+            problem = f"the record of the target is not there: {one_line(error)}"
+        self._publish_trip(trip, kept, problem)
+
+    def _kept_by_target(self) -> list[TelemetryBlock]:
+        """What the target keeps of the second before a trip, as soon as the link is there."""
+        for _ in range(ATTEMPTS - 1):
+            try:
+                return self._reactions.link().trip_record()
+            except NoRecordError:
+                raise
+            except TargetError:
+                if self._closed.wait(AGAIN):
+                    break
+        return self._reactions.link().trip_record()
+
+    def _publish_trip(self, trip: Trip, kept: Sequence[TelemetryBlock] = (), problem: str = "") -> None:
         machine, runs = self.machine, self.runs
         if machine is None or runs is None or not self._node.context.ok():
             return
         with self.lock:
-            before = runs.before(trip.step)
+            before = runs.before(trip.step, kept)
             step, within = runs.step_of(trip.step), runs.holds(trip.step)
-            lacking = runs.lacking_before(trip.step) if within else ""
+            lacking = runs.lacking_before(trip.step, kept) if within else ""
+        if lacking and problem:
+            lacking = f"{lacking}; {problem}"
         message = TripMessage(target_step=trip.step, reason=int(trip.reason), value=float(trip.value))
         message.axis = axis_of(trip, machine)
         if within:

@@ -1,7 +1,7 @@
 /* The functions of a port to a microcontroller, an example each. `registers` stands for those that the manufacturer's
  * header names. It is compiled by a test, and has run on no board: replace registers, pins and numbers by your own. */
 #include "../board.h"
-#include "../stream.h"
+#include "stream.h"
 #include "calibration.h"
 
 enum { AXES = 2, PERIOD = 1000, RING = 4096, FULL_TEMPERATURE = 4096 };

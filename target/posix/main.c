@@ -17,12 +17,14 @@
 enum { RATE = 10000, SAMPLES = 100000, AXES = 2 };
 
 static uint8_t waveform[SAMPLES * AXES * 8];
+static uint32_t record[RATE * (3 * AXES + 1)]; /* a second */
 static struct amb_target target;
 static struct amb_config config = {
     .machine = "point_mass", .firmware = "posix", .sample_rate = RATE, .firmware_version = 0x010000, .axes = AXES,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 2.5, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 2.5, 250e-6}}},
     .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100, 0.01, 1.2, 0.2, 0.05, 1, 0.2},
-    .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform};
+    .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform,
+    .record = record, .record_words = RATE * (3 * AXES + 1)};
 static double position[AXES] = {-20e-6, 10e-6}, velocity[AXES];
 static int udp;
 

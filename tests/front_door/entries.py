@@ -100,7 +100,7 @@ PROGRAMS = (
         ("eddy", "independent", "iron", "laminations", "paper", "rotors", "statics"),
         8.0,
     ),
-    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", ("board",), 120.0),
+    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", ("board", "board_model"), 180.0),
     Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=15.0),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=5.0),
     Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=10.0),

@@ -29,7 +29,8 @@ SANITIZED = (
 def build(folder: Path) -> Path:
     """Compile the attack with the sanitizers."""
     attack = folder / "target_attack"
-    sources = [Path(__file__).with_name("target_attack.c"), *SOURCE.glob("*.c"), SOURCE / "hosted" / "hosted.c"]
+    here = (SOURCE / file for file in ("hosted/hosted.c", "ports/stream.c"))
+    sources = [Path(__file__).with_name("target_attack.c"), *SOURCE.glob("*.c"), *here]
     subprocess.run([*SANITIZED, f"-I{SOURCE}", "-o", attack, *sources, "-lm"], check=True)
     exchange = b"".join(struct.pack("<H", len(item.frame)) + item.frame for item in golden() if item.from_host)
     (folder / "exchange").write_bytes(KEY + exchange)

@@ -8,7 +8,7 @@
 
 #include "hosted/hosted.h"
 #include "parts.h"
-#include "stream.h"
+#include "ports/stream.h"
 
 enum { MOST = 64, AXES = 2, COILS = 4, OLD = 256, WAVEFORM = 4096 };
 
@@ -220,6 +220,8 @@ int main(int arguments, char **argument) {
     seed = strtoul(argument[3], NULL, 10) * 0x9e3779b97f4a7c15u + 1;
     read_exchange(argument[1]);
     config.waveform = malloc(WAVEFORM);
+    config.record_words = 100 * (3 * AXES + 1) + 5;
+    config.record = malloc(config.record_words * sizeof *config.record);
     boot();
     for (size_t number = 0; number < count; number++) {
         uint8_t frame[AMB_FRAME];
@@ -252,6 +254,6 @@ int main(int arguments, char **argument) {
     printf("{\"frames\": %zu, \"signed\": %zu, \"forged\": %zu, \"accepted\": 0, \"currents\": %zu, ", count, signed_frames,
            forged, (size_t)currents);
     printf("\"states\": [%zu, %zu, %zu, %zu, %zu]}\n", states[0], states[1], states[2], states[3], states[4]);
-    free(config.waveform);
+    free(config.waveform), free(config.record);
     return 0;
 }

@@ -18,12 +18,13 @@ struct shared { volatile int locked, type; };
 static struct shared *shared;
 static struct amb_target target;
 static uint8_t *waveform, waiting[AMB_FRAME];
+static uint32_t record[100 * (3 * AXES + 1)];
 static size_t length;
 static uint64_t counter, now;
 static struct amb_config config = {
     .machine = "long", .firmware = "sections", .sample_rate = 10000, .axes = AXES, .coils = 2 * AXES, .key_length = 16,
     .limits = {3, 12, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 120, 0.02, 1e9, 0.01, 0.5, 20, 0.01, 1.2, 0.2, 0.05, 0.05, 0.2},
-    .waveform_size = CHUNKS * AMB_CHUNK};
+    .waveform_size = CHUNKS * AMB_CHUNK, .record = record, .record_words = sizeof record / sizeof *record};
 
 void board_lock(void *board) {
     (void)board;
@@ -116,6 +117,8 @@ static void child(void) {
         if (!on) upload(2, 1, 0, 0, CHUNKS * AMB_CHUNK, CHUNKS * AMB_CHUNK / 8 / AXES);
     }
     for (uint8_t reason = 1; reason < AMB_REASONS; reason++) amb_trip(&target, reason, 0, 1.0);
+    memset(word, 0, sizeof word);
+    send(AMB_RECORD, 0, word, 8);
     send(AMB_HEARTBEAT, 0, word, 0), send(AMB_CLOCK, 0, word, 8), send(AMB_FAULT_RESET, 0, word, 0);
     exit(0);
 }

@@ -12,13 +12,15 @@ enum { MOST = 64, AXES = 2, COILS = 4, WAVEFORM = 65536 };
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct amb_target target;
 static uint8_t waveform[WAVEFORM], exchange[MOST][AMB_FRAME];
+static uint32_t record[1000 * (3 * AXES + 1)];
 static size_t lengths[MOST], frames, turn;
 static uint64_t counter, time_now, stepped;
 static struct amb_config config = {
     .machine = "shared", .firmware = "threads", .sample_rate = 10000, .axes = AXES, .coils = COILS, .key_length = 32,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 3, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 3, 250e-6}}},
     .limits = {3, 12, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 120, 0.02, 1e9, 0.01, 0.5, 20, 0.01, 1.2, 0.2, 0.05, 0.05, 0.2},
-    .gains = {{20000, 38, 0, 10000, 1}, {20000, 38, 0, 10000, 1}}, .waveform = waveform, .waveform_size = WAVEFORM};
+    .gains = {{20000, 38, 0, 10000, 1}, {20000, 38, 0, 10000, 1}}, .waveform = waveform, .waveform_size = WAVEFORM,
+    .record = record, .record_words = sizeof record / sizeof *record};
 
 void board_lock(void *board) { (void)board, pthread_mutex_lock(&lock); }
 void board_unlock(void *board) { (void)board, pthread_mutex_unlock(&lock); }

@@ -14,6 +14,7 @@ SAFETY = "tests/unit/test_target_safety.py::"
 COMMANDS = "tests/unit/test_target_commands.py::"
 STATES = "tests/unit/test_target_states.py::"
 RECOVERY = "tests/unit/test_target_recovery.py::"
+RECORD = "tests/unit/test_target_record.py::"
 HOST = "tests/unit/test_target_host_loop.py::"
 NO_RULE = f"{STATES}test_no_reachable_state_breaks_a_rule"
 
@@ -120,6 +121,9 @@ BARRIERS = (
             "commands again within 1 s; from all {states[recovered]} states levitated again",
             (f"{RECOVERY}test_a_host_under_attack_commands_again_within_a_second",
              f"{STATES}test_the_host_levitates_the_rotor_again_from_every_state")),
+    Barrier(LOST, "wrong counter of a host with the key", "a counter far ahead of the last is dropped",
+            "2^32 ahead",
+            (f"{RECORD}test_the_largest_counter_does_not_make_a_target_deaf",)),
     Barrier(LOST, "reply is lost", "the same frame again is answered, and done once", "{states[repeated]} repetitions",
             (f"{COMMANDS}test_the_same_frame_again_is_answered_and_done_once", NO_RULE)),
     Barrier(LOST, "background keeps the control step out", "locks of a bounded number of instructions",

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from amb_core.rig.commissioning.sensors_at_rest import PUSHES
 from amb_core.rig.emulation import FaultParameters, LimitParameters, as_on_a_rig, reference_library
 from amb_core.rig.emulation.lock_step import LockStepLink
 from amb_core.rig.link.link import TargetSettings
+from tests.soak.kept_outcomes import KeptOutcomes
 
 TOUCH = 0.05
 """Control current outwards over bias current: the pull of one magnet at its bias is k_i i_0 / 4, a fifth of it 0.05."""
@@ -220,18 +222,31 @@ def _right(found: Diagnosis, kind: Kind | None, axes: tuple[str, ...]) -> bool:
     return bool(found.findings) and right and (not axes or named == set(axes))
 
 
+def _outcome(data: dict[str, Any]) -> Outcome:
+    planted, said = tuple(data["planted"]), tuple(data["said"])
+    return Outcome(Rig(**data["rig"]), planted, said, data["right"], data["touches"])
+
+
 def rigs(kinds: int, each: int, healthy: int) -> list[Rig]:
     """So many of each of some kinds, spread over all, and healthy ones; half of them with four axes."""
     chosen = list(KINDS)[:: max(len(KINDS) // kinds, 1)][:kinds]
     faulty = [
         Rig(kind, 2 + 2 * (number % 2), 1000 * list(KINDS).index(kind) + number)
-        for kind in chosen
         for number in range(each)
+        for kind in chosen
     ]
-    return faulty + [Rig("", 2 + 2 * (number % 2), 100_000 + number) for number in range(healthy)]
+    sound = [Rig("", 2 + 2 * (number % 2), 100_000 + number) for number in range(healthy)]
+    return sorted([*faulty, *sound], key=lambda rig: rig.seed % 1000)  # so that any part of them is of all kinds
 
 
-def commissioning(kinds: int = len(KINDS), each: int = 6, healthy: int = 60, jobs: int = 2) -> dict[str, Any]:
+def commissioning(
+    kinds: int = len(KINDS),
+    each: int = 6,
+    healthy: int = 60,
+    jobs: int = 2,
+    file: Path | None = None,
+    most: int | None = None,
+) -> dict[str, Any]:
     """Figures of all rigs; what was wrong is printed.
 
     Parameters
@@ -240,15 +255,25 @@ def commissioning(kinds: int = len(KINDS), each: int = 6, healthy: int = 60, job
         Kinds of fault, rigs of each, and healthy ones.
     jobs : int, optional
         Processes.
+    file : Path, optional
+        Keeps the outcome of each rig, so that the next call with the same code goes on; None: none is kept.
+    most : int, optional
+        Rigs in this call; the figures are those of all that have been kept. None for all that are left.
     """
     reference_library()
-    outcomes = []
+    kept: KeptOutcomes[Outcome] = KeptOutcomes(file, Path(__file__), asdict, _outcome)
+    wanted = rigs(kinds, each, healthy)
+    known = {one.rig: one for one in kept.load()}
+    left = [rig for rig in wanted if rig not in known]
     with ProcessPoolExecutor(jobs) as pool:
-        for one in pool.map(commission, rigs(kinds, each, healthy)):
-            outcomes.append(one)
-            if not one.right or one.touches:
-                found = f"{one.touches} touches, {one.said}"
-                print(f"commissioning: {one.rig}, planted in {one.planted}: {found}", flush=True)
+        for one in pool.map(commission, left[:most]):
+            known[one.rig] = one
+            kept.add(one)
+    outcomes = [known[rig] for rig in wanted if rig in known]
+    for one in outcomes:
+        if not one.right or one.touches:
+            found = f"{one.touches} touches, {one.said}"
+            print(f"commissioning: {one.rig}, planted in {one.planted}: {found}", flush=True)
     return {
         "commissioning": {
             "rigs": len(outcomes),

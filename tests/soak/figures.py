@@ -135,13 +135,24 @@ class Conformance(Figures):
     named: int
 
 
+class BoardModel(Figures):
+    """A model identified from the telemetry of the board: samples, those equal to the host's build's, worst fit."""
+
+    samples: int
+    samples_equal: int
+    models_equal: bool
+    fit_percent: float
+
+
 class Board(Figures):
-    """A Cortex-M7 in QEMU beside the host's build: frames and steps compared and equal, worst step, stack used."""
+    """A Cortex-M7 in QEMU beside the host's build: frames and steps compared and equal, worst steps, stack used."""
 
     frames: int
     equal: int
     instructions_worst: int
+    instructions_state_space: int
     stack_bytes: int
+    identified: BoardModel
 
 
 class Soak(Figures):

@@ -17,7 +17,7 @@ from typing import Any
 
 from tests.front_door.results import results_file
 from tests.fuzz import target
-from tests.soak import board, commissioning, conformance, parts, recovery, safety, trips
+from tests.soak import board_model, commissioning, conformance, parts, recovery, safety, trips
 
 Part = Callable[..., dict[str, Any]]
 PARTS: dict[str, tuple[Part, dict[str, float]]] = {
@@ -35,7 +35,7 @@ PARTS: dict[str, tuple[Part, dict[str, float]]] = {
         {"kinds": 5, "each": 1, "healthy": 1},
     ),
     "conformance": (lambda folder, **size: conformance.conformance(**size), {"most": 3}),
-    "board": (lambda folder, **size: board.board(**size), {"excited": 20}),
+    "board": (lambda folder, **size: board_model.board(**size), {"excited": 20, "multisine_steps": 1_000}),
     "bridge_fuzz": (parts.bridge_fuzz, {"frames": 2_000}),
     "target_fuzz": (lambda folder, **size: target_fuzz(**size), {"frames": 20_000}),
 }
@@ -61,6 +61,7 @@ def main() -> int:
     options.add_argument("--parts", nargs="*", help="only these")
     options.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     options.add_argument("--seconds", type=float, help="duration of the soak itself, by default 600")
+    options.add_argument("--runs", type=int, help="most rigs of the part commissioning in this call; the next resumes")
     given = options.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # nodes are stopped then, too
     file = results_file("soak.json", given.quick)
@@ -69,9 +70,11 @@ def main() -> int:
         failed = 0
         for part in given.parts or PARTS:
             measure, smallest = PARTS[part]
-            size = smallest if given.quick else {}
+            size: dict[str, Any] = dict(smallest) if given.quick else {}
             if part == "soak" and given.seconds:
                 size = {"seconds": given.seconds}
+            if part == "commissioning" and not given.quick:
+                size = {"file": results_file("commissioning_rigs.jsonl"), "most": given.runs}
             began = time.monotonic()
             try:
                 found = measure(folder, **size)

@@ -100,6 +100,7 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     """So many trips of every kind: reason, axis, latched, and the second before it in the bag."""
     limits = {"missed_steps": float(MISSED), "missed_share": 1.0, "host_time": HOST_TIME}
     limits |= {"saturation_time": 100.0, "lock_time": 1e-3}
+    patient = {"silence": 20.0, "timeout": 20.0}  # a process of a loaded machine that waits for its turn has not gone
     weak = {**limits, "coil_current": 5.0, "settle_time": 100.0, "lift_time": 100.0}
     law = folder / "overflow.json"
     overflowing(pd_as_linear(controller_of(machine))).save(law)
@@ -113,7 +114,7 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
     whole = named = 0
     for number, (kinds, of_target, of_bridge) in enumerate(rigs):
         emulator = {"limits": of_target, "plant_waits": True, "ideal": True}
-        bridge = {"levitation_time": 0.0, **of_bridge}
+        bridge = {"levitation_time": 0.0, "link": patient, **of_bridge}
         with Session(folder, machine, target_emulator=emulator, hardware_bridge=bridge) as session:
             session.amb.rig.connect()
             bag = Path(session.amb.start_recording(folder / f"trips_{number}"))

@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from amb_core.rig.link import Code, FrameType, Reply, Session, decode
 from amb_core.rig.link.reference import SOURCE
 from tests.qemu_board import build, missing, size
 from tests.soak.board import Beside, Compared, beside
+from tests.soak.board_model import identified
+from tests.target_rig import KEY, NONCE, golden
 
 REASON = missing()
 pytestmark = [pytest.mark.skipif(bool(REASON), reason=REASON), pytest.mark.timeout(600)]
@@ -42,15 +45,33 @@ def test_the_rotor_levitates_and_follows_the_excitation(ran: tuple[Compared, Bes
     assert np.ptp(excited[:, 0]) > 2e-6  # of an excitation of 4 um from peak to peak
 
 
+def test_it_answers_the_recorded_exchange_as_it_was_recorded(ran: tuple[Compared, Beside]) -> None:
+    """But for the limits, which are above those of its configuration."""
+    recorded = [decode(item.frame, Session(NONCE, 2, 4, KEY)) for item in golden() if not item.from_host]
+    expected = [(reply.command, reply.code) for reply in recorded if isinstance(reply, Reply)]
+    limits = expected.index((FrameType.PARAMETERS, Code.DONE)) + 3  # after gains and two references
+    expected[limits] = FrameType.PARAMETERS, Code.BAD_VALUE
+    assert [(reply.command, reply.code) for reply in ran[1].replies] == expected
+
+
+@pytest.mark.slow
+def test_the_model_from_its_telemetry_is_that_of_the_host_build(image: Path) -> None:
+    found = identified(image)
+    assert (found["samples"], found["samples_equal"], found["models_equal"]) == (8_000, 8_000, True)
+    assert found["fit_percent"] > 90.0  # of a plant without noise; the rest is its nonlinearity
+
+
 def test_it_needs_no_more_than_the_guide_says(image: Path, ran: tuple[Compared, Beside]) -> None:
     """By a tenth at most, since compilers differ; a short run takes the same ways through the code."""
     found, needed = ran[0], size(image)
     guide = (SOURCE / "PORTING.md").read_text()
     measured = {
         "code and constants": needed.code,
-        "variables, without the buffer of uploads": needed.ram_without_uploads,
+        "variables, without the two buffers": needed.ram_without_buffers,
+        "buffer of the second before a trip": needed.record,
         "stack used": found.stack_bytes,
         "control step, worst": found.instructions,
+        "control step of a state-space law of order 23, worst": found.instructions_state_space,
     }
     for name, value in measured.items():
         row = re.search(rf"^\| {name} \| ([\d ]+) ", guide, re.MULTILINE)

@@ -117,6 +117,25 @@ def test_the_second_before_a_step_is_there_although_it_becomes_known_two_seconds
     assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), np.arange(2_000, 12_000))
 
 
+@pytest.mark.parametrize("lost", [(200, 10_200), (9_700, 10_200), (2_000, 5_000), (200, 300)])
+def test_the_record_of_the_target_fills_the_gaps_of_telemetry_and_nothing_else(lost: tuple[int, int]) -> None:
+    taken = runs()
+    taken.add(samples(0, [OFF] * 100 + [LEVITATED] * 100))
+    for first in range(200, 10_200, 100):
+        if not lost[0] <= first < lost[1]:
+            taken.add(samples(first, [LEVITATED] * 100))
+    kept = [samples(first, [LEVITATED] * 70) for first in range(180, 10_180, 70)]
+    kept = [replace(block, position=block.position + 0.5) for block in kept]
+    gap = "10 of the 10000 steps before it are missing here" if lost[1] == 10_200 else ""
+    assert taken.lacking_before(10_200)
+    assert taken.lacking_before(10_200, kept) == gap
+    before = taken.before(10_200, kept)
+    steps = np.concatenate([100 + np.arange(record.first_step, record.first_step + record.steps) for record in before])
+    filled = (steps >= lost[0]) & (steps < lost[1])
+    assert np.array_equal(np.concatenate([record.position[:, 0] for record in before]), steps + 0.5 * filled)
+    assert (steps[0], len(steps)) == (200, 9_990 if gap else 10_000)
+
+
 def status(*trips: Trip) -> TargetStatus:
     state = TargetState.TRIPPED if trips else TargetState.LEVITATED
     return TargetStatus(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -134,6 +135,40 @@ def test_an_excitation_arrives_bit_for_bit_over_a_bad_network_and_begins_at_its_
     assert np.array_equal(reference, expected)
     assert link.count.resent > 0
     assert description.machine.axis_names == ("x", "y")
+
+
+def test_the_second_before_a_trip_is_read_over_a_bad_network_although_its_telemetry_was_lost(
+    served: ServedEmulator, listener: Listener
+) -> None:
+    link = AmbUdpLink(served.address, served.port, KEY, float64=True, timeout=TIMEOUT, silence=TIMEOUT)
+    try:
+        _read_after_losses(served, link, listener)
+    finally:
+        link.close()
+
+
+def _read_after_losses(served: ServedEmulator, link: AmbUdpLink, listener: Listener) -> None:
+    levitated(link, listener)
+    listener.wait_for_step(listener.blocks[-1].first_step + 2_000)
+    served.fail(to_host=BAD | {"loss": 1.0})
+    began = served.do(lambda emulator: emulator.steps)
+    until = time.monotonic() + TIMEOUT
+    while served.do(lambda emulator: emulator.steps) < began + 12_000:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    served.fail(to_host=BAD, from_host=BAD, amplifier=True)
+    (trip,) = settled(link, TargetState.TRIPPED).trips
+    blocks = link.trip_record()
+    assert (blocks[0].first_step, sum(block.steps for block in blocks)) == (trip.step - 10_000, 10_000)
+    assert all(later.first_step == one.first_step + one.steps for one, later in itertools.pairwise(blocks))
+    known = listener.at(blocks[0].first_step, 10_000, "position").astype(np.float32)
+    read = np.concatenate([block.position for block in blocks])
+    there = ~np.isnan(known[:, 0])
+    assert np.array_equal(read[there], known[there])
+    assert not there.all()
+    link.forget_trip_record()
+    with pytest.raises(TargetError, match="keeps nothing: no trip since its start or reset"):
+        link.trip_record()
 
 
 def test_gaps_are_those_that_the_network_made_to_the_sample(

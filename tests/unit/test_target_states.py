@@ -42,7 +42,7 @@ PLANTED = {
         "target.c", "if (!(fabs(t->current[a]) <= t->limits[AMB_CURRENT_LIMIT])) amb_trip",
         "if (fabs(t->current[a]) > t->limits[AMB_CURRENT_LIMIT]) amb_trip", "host"),
     "a repeated command is executed": (
-        "command.c", "return number <= last ? AMB_REPLAYED", "return number < last ? AMB_REPLAYED", "matrices"),
+        "command.c", "number <= last || far ? AMB_REPLAYED", "number < last || far ? AMB_REPLAYED", "matrices"),
 }  # fmt: skip
 """File of the target, what stands there, what is planted instead, and the part that must find it."""
 

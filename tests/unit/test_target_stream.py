@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
+import subprocess
+import tempfile
 import tty
 from pathlib import Path
 
@@ -16,9 +19,10 @@ from amb_core.rig.link import LOOPBACK
 from amb_core.rig.link.byte_stream import LONGEST, StreamReader, from_stream, to_stream
 from amb_core.rig.link.conformance import Exchange, check_target
 from amb_core.rig.link.layout import LARGEST_FRAME
+from amb_core.rig.link.reference import COMPILER, SOURCE
 from amb_core.rig.link.wire import SerialWire, open_wire
 from tests.served_emulator import ServedEmulator
-from tests.target_rig import golden, library
+from tests.target_rig import UNDEFINED, golden
 
 FRAMES = [item.frame for item in golden()]
 PUBLISHED = [
@@ -37,11 +41,20 @@ class Stream(ctypes.Structure):
     )  # fmt: skip
 
 
+@functools.cache
+def stream_code() -> Path:
+    """The C code of streams, compiled once a test run."""
+    library = Path(tempfile.mkdtemp(prefix="stream")) / "stream.so"
+    source = SOURCE / "ports" / "stream.c"
+    subprocess.run([*COMPILER, *UNDEFINED, "-shared", "-fPIC", "-o", library, source], check=True)
+    return library
+
+
 class TargetStream:
     """The target's side of a stream, as a port uses it."""
 
     def __init__(self) -> None:
-        self._code = ctypes.CDLL(str(library()))
+        self._code = ctypes.CDLL(str(stream_code()))
         self._code.amb_stream_take.restype = self._code.amb_stream_put.restype = ctypes.c_size_t
         self._stream = Stream()
 

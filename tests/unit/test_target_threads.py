@@ -48,5 +48,5 @@ def test_the_background_keeps_the_interrupt_out_for_a_bounded_number_of_instruct
     found = json.loads(ended.stdout)
     assert found.pop("ended") == 0, ended.stderr
     seen = {FrameType(int(kind)) for kind in found}
-    assert {FrameType.COMMIT, FrameType.DATA, FrameType.PARAMETERS, FrameType.LEVITATE} <= seen
+    assert {FrameType.COMMIT, FrameType.DATA, FrameType.PARAMETERS, FrameType.LEVITATE, FrameType.RECORD} <= seen
     assert max(found.values()) <= LONGEST, found

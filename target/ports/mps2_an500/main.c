@@ -6,7 +6,7 @@
  * positions, coil currents (f64), fault (u8); answer: currents (f64), enabled, hardware enable (u8), ticks of the
  * processor's clock in the control step, stack used (u32). */
 #include "../../board.h"
-#include "../../stream.h"
+#include "../stream.h"
 
 #include <string.h>
 
@@ -17,13 +17,15 @@ enum { UART_DATA = 0x0, UART_STATE = 0x4, UART_CONTROL = 0x8, UART_DIVISOR = 0x1
 static const uint32_t LINK = 0x40004000, BENCH = 0x40005000, SYSTICK = 0xe000e010;
 
 static uint8_t waveform[SAMPLES * AXES * 8];
+static uint32_t record[RATE * (3 * AXES + 1)]; /* a second */
 static struct amb_target target;
 static const struct amb_config config = {
     .machine = "point_mass", .firmware = "mps2_an500", .sample_rate = RATE, .firmware_version = 0x010000, .axes = AXES,
     .coils = COILS,
     .axis = {{"x", "a", {0, 0, 1, 0, 0, 2.5, 2.5, 250e-6}}, {"y", "a", {0, 0, 0, 1, 0, 2.5, 2.5, 250e-6}}},
     .limits = {3, 10, 1e-3, 0.4, 0.5, 100e-6, 10, 1e-3, 0.02, 100, 0.02, 1e9, 0.01, 0.2, 100, 0.01, 1.2, 0.2, 0.05, 1, 0.2},
-    .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform};
+    .gains = {{20000, 38, 0, RATE, 1}, {20000, 38, 0, RATE, 1}}, .waveform = waveform, .waveform_size = sizeof waveform,
+    .record = record, .record_words = RATE * (3 * AXES + 1)};
 static struct amb_stream link, bench;
 static uint8_t measured[STEP], answer[8 * AXES + 2 + 8];
 static size_t waiting; /* bytes of a frame of the link that nobody has taken yet */

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -173,13 +173,15 @@ class Runs:
         """
         return self.run > 0 and target_step >= self._base and (self.levitated or target_step <= self._end)
 
-    def before(self, target_step: int) -> list[LoopRecord]:
+    def before(self, target_step: int, kept: Sequence[TelemetryBlock] = ()) -> list[LoopRecord]:
         """What is known of the second before a step of the target, within the present run, in blocks.
 
         Parameters
         ----------
         target_step : int
             Step of the target.
+        kept : sequence of TelemetryBlock, optional
+            What the target itself has kept, in the order of its steps; it fills the gaps of telemetry. None by default.
 
         Returns
         -------
@@ -189,15 +191,20 @@ class Runs:
         stop = self.step_of(target_step)
         whole = [*self._past, *([self._made(self._held)] if self._held else [])]
         records = [samples.record for samples in whole if samples.run == self.run]
-        return [part for record in records for part in _between(record, stop - self._before_steps, stop)]
+        first = max(stop - self._before_steps, 0)
+        known = [part for record in records for part in _between(record, first, stop)]
+        spare = [_record_of(block, self.step_of(block.first_step), self._sample_time, self._axes) for block in kept]
+        return _filled(known, spare, first, stop)
 
-    def lacking_before(self, target_step: int) -> str:
+    def lacking_before(self, target_step: int, kept: Sequence[TelemetryBlock] = ()) -> str:
         """How much of the second before a step of the target, within the present run, is missing; empty: nothing.
 
         Parameters
         ----------
         target_step : int
             Step of the target.
+        kept : sequence of TelemetryBlock, optional
+            As for `before`.
 
         Returns
         -------
@@ -205,7 +212,7 @@ class Runs:
             Text for a message.
         """
         wanted = min(self.step_of(target_step), self._before_steps)
-        missing = wanted - sum(record.steps for record in self.before(target_step))
+        missing = wanted - sum(record.steps for record in self.before(target_step, kept))
         return f"{missing} of the {wanted} steps before it are missing here" if missing > 0 else ""
 
     def _take(self, samples: TelemetryBlock, levitated: bool) -> list[RunSamples]:
@@ -267,6 +274,21 @@ def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _joined(columns: list[NDArray[np.float64]], steps: int) -> NDArray[np.float64]:
     return (columns[0] if len(columns) == 1 else np.concatenate(columns))[:steps]
+
+
+def _record_of(block: TelemetryBlock, first_step: int, sample_time: float, axes: tuple[str, ...]) -> LoopRecord:
+    return LoopRecord(first_step, sample_time, block.reference, block.position, block.current, axes)
+
+
+def _filled(known: list[LoopRecord], spare: list[LoopRecord], first: int, stop: int) -> list[LoopRecord]:
+    """Records in the order of their steps, with what fills the gaps between them; each step once."""
+    done: list[LoopRecord] = []
+    reached = first
+    for record in known:
+        done += [part for one in spare for part in _between(one, reached, record.first_step)]
+        done.append(record)
+        reached = record.first_step + record.steps
+    return done + [part for one in spare for part in _between(one, reached, stop)]
 
 
 def _between(record: LoopRecord, first: int, stop: int) -> list[LoopRecord]:

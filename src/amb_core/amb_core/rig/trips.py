@@ -31,6 +31,8 @@ _TEXTS: dict[int, str] = {
     BridgeTrip.LINK_LOST: "the target does not answer; whether the rotor is levitated is not known",
     BridgeTrip.REBOOT: "the target started anew; the rotor is not levitated",
 }
+LOOP_STAYS = {TripReason.HOST_SILENT, TripReason.EXCITATION}
+"""Reasons after which the rotor stays levitated."""
 _OF_AN_AXIS = {
     TripReason.DISPLACEMENT, TripReason.SENSOR_RANGE, TripReason.SENSOR_STUCK, TripReason.LAW, TripReason.EXCITATION,
     TripReason.SATURATED,

@@ -26,6 +26,7 @@ _STATUS = struct.Struct("<BBBBIIIIIQ")
 _TRIP = struct.Struct("<BB6xQd")
 _REPLY = struct.Struct("<BBHI")
 _TELEMETRY = struct.Struct("<BBBxHH")
+_RECORD = struct.Struct("<QIHH")
 _LAST_STEP = 1 << 62
 _WIDE, _WITH_COILS, _WITH_STATUS = (int(option) for option in TelemetryOption)  # flags are slow in a stream
 _NUMBERS: dict[int, np.dtype[Any]] = {4: np.dtype("<f4"), 8: np.dtype("<f8")}
@@ -118,6 +119,8 @@ class Reply:
         Times of the host and of the target (ns), of a CLOCK command. None for other commands.
     missing : tuple of int or None
         Chunks that have not arrived, of a BITMAP command. None for other commands.
+    record : RecordPart or None
+        Of a RECORD command that asked for rows. None for other commands.
     """
 
     counter: int
@@ -126,6 +129,7 @@ class Reply:
     status: TargetStatus
     clock: tuple[int, int] | None = None
     missing: tuple[int, ...] | None = None
+    record: RecordPart | None = None
 
 
 @dataclass(frozen=True)
@@ -187,6 +191,22 @@ class TelemetryBlock:
         )
 
 
+@dataclass(frozen=True)
+class RecordPart:
+    """Rows of the second before a trip that a target keeps.
+
+    Attributes
+    ----------
+    rows : int
+        Rows of all of it.
+    samples : TelemetryBlock
+        Those in this reply, with status words.
+    """
+
+    rows: int
+    samples: TelemetryBlock
+
+
 Answer = Description | Reply | TargetStatus | TelemetryBlock
 
 
@@ -224,7 +244,7 @@ def decode(datagram: bytes, session: Session | None = None) -> Answer | Refusal:
     if frame.type is FrameType.STATUS:
         return _status(frame.payload, frame.step)
     found = opened(session, datagram, frame)
-    return found if isinstance(found, Refusal) else _reply(*found, frame.step)
+    return found if isinstance(found, Refusal) else _reply(*found, frame.step, session)
 
 
 def _status(block: bytes, step: int) -> TargetStatus | Refusal:
@@ -252,7 +272,7 @@ def _status(block: bytes, step: int) -> TargetStatus | Refusal:
     )  # fmt: skip
 
 
-def _reply(counter: int, body: bytes, step: int) -> Reply | Refusal:
+def _reply(counter: int, body: bytes, step: int, session: Session) -> Reply | Refusal:
     if len(body) < _REPLY.size:
         return Refusal(f"reply of {len(body)} bytes; needed: {_REPLY.size}")
     kind, code, status_length, extra_length = _REPLY.unpack_from(body)
@@ -268,7 +288,10 @@ def _reply(counter: int, body: bytes, step: int) -> Reply | Refusal:
     extra = body[_REPLY.size + status_length :]
     times = struct.unpack("<QQ", extra) if command is FrameType.CLOCK and len(extra) == 16 else None
     missing = _missing(extra) if command is FrameType.BITMAP and extra else None
-    return missing if isinstance(missing, Refusal) else Reply(counter, command, known, status, times, missing)
+    record = _record(extra, session.axes) if command is FrameType.RECORD and extra else None
+    if isinstance(missing, Refusal):
+        return missing
+    return record if isinstance(record, Refusal) else Reply(counter, command, known, status, times, missing, record)
 
 
 def _missing(extra: bytes) -> tuple[int, ...] | Refusal:
@@ -279,6 +302,37 @@ def _missing(extra: bytes) -> tuple[int, ...] | Refusal:
         return Refusal(f"bitmap of {len(extra)} bytes for {chunks} chunks")
     there = np.unpackbits(np.frombuffer(extra, np.uint8, offset=8), count=chunks, bitorder="little")
     return tuple(np.flatnonzero(there == 0).tolist())
+
+
+def _record(extra: bytes, axes: int) -> RecordPart | Refusal:
+    if len(extra) < _RECORD.size:
+        return Refusal(f"record of {len(extra)} bytes; needed: {_RECORD.size}")
+    first_step, rows, here, row = _RECORD.unpack_from(extra)
+    if row != 4 * (3 * axes + 1) or len(extra) != _RECORD.size + here * row or here > rows:
+        return Refusal(f"record of {len(extra)} bytes for {here} of {rows} rows of {row} bytes and {axes} axes")
+    if first_step > _LAST_STEP:
+        return Refusal(f"record of step {first_step}; allowed: up to {_LAST_STEP}")
+    words = np.frombuffer(extra, "<u4", -1, _RECORD.size).reshape(here, row // 4)
+    return RecordPart(rows, _block(first_step, 0, _wide(words.view("<f4")), axes, 0, words[:, 3 * axes]))
+
+
+def _wide(values: NDArray[Any]) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore"):  # NaN of a failed sensor, in any of its forms
+        return values.astype(np.float64)
+
+
+def _block(
+    first_step: int, sequence: int, rows: NDArray[np.float64], axes: int, coils: int, status: NDArray[Any] | None
+) -> TelemetryBlock:
+    return TelemetryBlock(
+        first_step,
+        sequence,
+        rows[:, :axes],
+        rows[:, axes : 2 * axes],
+        rows[:, 2 * axes : 3 * axes],
+        rows[:, 3 * axes : 3 * axes + coils] if coils else None,
+        None if status is None else status.astype(np.uint32),
+    )
 
 
 def _telemetry(frame: Frame, session: Session) -> TelemetryBlock | Refusal:
@@ -297,18 +351,8 @@ def _telemetry(frame: Frame, session: Session) -> TelemetryBlock | Refusal:
     if len(frame.payload) != _TELEMETRY.size + rows * row:
         return Refusal(f"telemetry of {len(frame.payload)} bytes for {rows} rows of {row}")
     values = np.frombuffer(frame.payload, _NUMBERS[width], -1, _TELEMETRY.size).reshape(rows, row // width)
-    with np.errstate(invalid="ignore"):  # NaN of a failed sensor, in any of its forms
-        samples = values.astype(np.float64)
     status = None
     if with_status:
         words = np.frombuffer(frame.payload, "<u4", -1, _TELEMETRY.size).reshape(rows, row // 4)
-        status = words[:, (3 * axes + coils) * width // 4].astype(np.uint32)
-    return TelemetryBlock(
-        frame.step,
-        frame.sequence,
-        samples[:, :axes],
-        samples[:, axes : 2 * axes],
-        samples[:, 2 * axes : 3 * axes],
-        samples[:, 3 * axes : 3 * axes + coils] if coils else None,
-        status,
-    )
+        status = words[:, (3 * axes + coils) * width // 4]
+    return _block(frame.step, frame.sequence, _wide(values), axes, coils, status)

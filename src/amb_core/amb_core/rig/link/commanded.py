@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.ground.errors import TargetError
 from amb_core.rig.link import commands
-from amb_core.rig.link.answers import Reply, TargetStatus
+from amb_core.rig.link.answers import Reply, TargetStatus, TelemetryBlock
 from amb_core.rig.link.commands import Command
 from amb_core.rig.link.link import TargetLink
 from amb_core.rig.link.upload import Upload, excitation_upload
@@ -70,6 +71,36 @@ class CommandedLink(TargetLink):
     def disarm(self) -> None:
         """Stop the excitation."""
         self._command(commands.disarm())
+
+    def trip_record(self) -> list[TelemetryBlock]:
+        """What the target keeps of the second before its first trip.
+
+        Returns
+        -------
+        list of TelemetryBlock
+            Consecutive blocks with status words, in the order of their steps.
+
+        Raises
+        ------
+        TargetError
+            If it is not reached any more, or sends another record meanwhile; NoRecordError if it keeps nothing.
+        """
+        blocks: list[TelemetryBlock] = []
+        read, rows = 0, -1
+        while rows < 0 or read < rows:
+            part = self._command(commands.record(read)).record
+            if part is None:  # a repeated reply has no rows
+                continue
+            goes_on = not blocks or part.samples.first_step == blocks[-1].first_step + blocks[-1].steps
+            if (rows >= 0 and part.rows != rows) or not goes_on or (part.rows > read and not part.samples.steps):
+                raise TargetError("the target keeps another second than at first: it has tripped again")
+            rows, read = part.rows, read + part.samples.steps
+            blocks.append(part.samples)
+        return blocks
+
+    def forget_trip_record(self) -> None:
+        """Let the target keep the second before its next trip."""
+        self._command(commands.forget_record())
 
     def status(self) -> TargetStatus:
         """The state of the target now.

@@ -177,6 +177,16 @@ def controller(law: Law) -> Command:
     return Command(FrameType.CONTROLLER, struct.pack("<Q", law))
 
 
+def record(first_row: int) -> Command:
+    """Ask for what the target keeps of the second before a trip, from a row of it onwards."""
+    return Command(FrameType.RECORD, struct.pack("<II", first_row, 0))
+
+
+def forget_record() -> Command:
+    """Let the target forget that second, so that it keeps the one before the next trip."""
+    return Command(FrameType.RECORD, struct.pack("<II", 0, 1))
+
+
 def current(session: Session, step: int, values: Sequence[float]) -> bytes:
     """Frame with the control current references of all axes (A) for a step that was measured.
 

@@ -45,6 +45,7 @@ class FrameType(IntEnum):
     PARAMETERS = 0x1C
     CONTROLLER = 0x1D
     CURRENT = 0x1E
+    RECORD = 0x1F
     DESCRIPTION = 0x81
     REPLY = 0x82
     TELEMETRY = 0x90

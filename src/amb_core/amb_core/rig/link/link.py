@@ -45,6 +45,10 @@ class TooLateError(TargetError):
         self.next_step = next_step
 
 
+class NoRecordError(TargetError):
+    """A target, or a link to it, keeps nothing of the second before a trip: there is nothing to wait for."""
+
+
 @dataclass(frozen=True)
 class TargetDescription:
     """What a target is.
@@ -245,6 +249,33 @@ class TargetLink(ABC):
     @abstractmethod
     def reset_faults(self) -> None:
         """Forget latched trips."""
+
+    def trip_record(self) -> list[TelemetryBlock]:
+        """What the target itself keeps of the second before its first trip: an optional capability.
+
+        Returns
+        -------
+        list of TelemetryBlock
+            Consecutive blocks with status words, in the order of their steps.
+
+        Raises
+        ------
+        NoRecordError
+            If it keeps nothing, or this link cannot ask for it.
+        TargetError
+            If it cannot be reached.
+        """
+        raise NoRecordError("this link does not read what a target keeps")
+
+    def forget_trip_record(self) -> None:
+        """Let the target keep the second before its next trip, while it stays levitated.
+
+        Raises
+        ------
+        NoRecordError, TargetError
+            As `trip_record`.
+        """
+        raise NoRecordError("this link does not read what a target keeps")
 
     @abstractmethod
     def status(self) -> TargetStatus:

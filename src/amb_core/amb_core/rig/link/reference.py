@@ -47,6 +47,8 @@ class _Config(ctypes.Structure):
         ("gains", ctypes.c_double * (5 * MOST_AXES)),
         ("waveform", ctypes.c_void_p),
         ("waveform_size", ctypes.c_uint32),
+        ("record", ctypes.c_void_p),
+        ("record_words", ctypes.c_uint32),
     )
 
 
@@ -121,6 +123,8 @@ class ReferenceTarget:
         Room for uploads.
     nonce : bytes, optional
         Random number of this boot; by default a new one.
+    record_steps : int, optional
+        Steps before a trip that it keeps; a second if None.
 
     Attributes
     ----------
@@ -148,8 +152,12 @@ class ReferenceTarget:
         coils: int = 0,
         waveform_bytes: int = 4 * 100_000 * 8,
         nonce: bytes | None = None,
+        record_steps: int | None = None,
     ) -> None:
         self._config, self._waveform = _config(machine, limits or Limits(), key, coils, waveform_bytes)
+        kept = round(machine.sample_rate) if record_steps is None else record_steps
+        self._record = np.zeros(kept * (3 * len(machine.axes) + 1), np.uint32)
+        self._config.record, self._config.record_words = self._record.ctypes.data, self._record.size
         self._config.gains[: 5 * len(machine.axes)] = (
             pack_gains((controller or ControllerParameters()).at_rate(machine.sample_rate), len(machine.axes))[:, :5]
             .ravel()

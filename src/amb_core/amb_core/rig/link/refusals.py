@@ -6,7 +6,7 @@ from amb_core.ground.errors import TargetError
 from amb_core.rig.link.answers import Reply
 from amb_core.rig.link.commands import Command
 from amb_core.rig.link.layout import Code, ExcitationPhase, FrameType, TargetState
-from amb_core.rig.link.link import TooLateError
+from amb_core.rig.link.link import NoRecordError, TooLateError
 
 _REASONS = {
     Code.BAD_LENGTH: "it has another length than this version of the protocol expects",
@@ -32,6 +32,10 @@ def require_done(where: str, command: Command, reply: Reply) -> None:
     reason = _REASONS.get(reply.code, f"it is {reply.status.state.name.lower()}")
     if (command.type, reply.code, reply.status.state) == (FrameType.LEVITATE, Code.WRONG_STATE, TargetState.OFF):
         reason = "it has measured nothing since its start, or since the latest reset"
+    if command.type is FrameType.RECORD and reply.code is Code.WRONG_STATE:
+        raise NoRecordError(f"{where} keeps nothing: no trip since its start or reset, or no memory for it")
+    if command.type is FrameType.RECORD and reply.code is Code.UNKNOWN:
+        raise NoRecordError(f"{where} has firmware that keeps nothing")
     if reply.code is Code.WRONG_STATE and reply.status.excitation is not ExcitationPhase.NONE:
         reason += f", with an excitation {reply.status.excitation.name.lower()}"
     raise TargetError(f"{where} refuses {command.type.name}: {reason}")

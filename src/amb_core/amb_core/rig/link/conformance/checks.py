@@ -18,6 +18,7 @@ from amb_core.rig.link import commands
 from amb_core.rig.link.answers import Reply, TargetStatus, TelemetryBlock
 from amb_core.rig.link.commands import Command
 from amb_core.rig.link.conformance.exchange import Exchange, Received
+from amb_core.rig.link.conformance.record import check_record
 from amb_core.rig.link.frames import Refusal, encode, hello, seal, tag
 from amb_core.rig.link.layout import (
     CHECKSUM,
@@ -387,6 +388,7 @@ CHECKS: dict[str, Check] = {
     "telemetry": _telemetry,
     "loop by the host": _host_loop,
     "faults": _faults,
+    "record": check_record,
     "timing": _timing,
 }
 """All checks by name, in the order in which they are run."""

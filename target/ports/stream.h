@@ -3,7 +3,7 @@
 #ifndef AMB_STREAM_H
 #define AMB_STREAM_H
 
-#include "amb_target.h"
+#include "../amb_target.h"
 
 /* Longest frame in the stream: a code for each 254 bytes, and the end. */
 enum { AMB_STREAM_ROOM = AMB_FRAME + AMB_FRAME / 254 + 2 };
