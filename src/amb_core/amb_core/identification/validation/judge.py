@@ -25,6 +25,9 @@ SHORT_OF_POSSIBLE = 10.0
 OVERLAP = 0.05
 """Share of the samples of the identification that the data may hold again."""
 
+MOST_NAMED = 2
+"""Kinds of deviation that are named beside the one that matters most."""
+
 NOTED = "clipping"
 """Of the checks of a recording the one that is a note only: currents at their limit are recorded behind it, so they are
 the true ones, and the loop is simulated with the limit."""
@@ -157,7 +160,8 @@ def _deviations(found: Measures) -> Condition:
     if not significant:
         return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
     worst = max(significant, key=lambda one: one.size)
-    finding = f"{worst.text}, {worst.size:.2g} times the error that matters"
+    beside = [one.text for one in significant if one is not worst]
+    finding = "; ".join([f"{worst.text}, {worst.size:.2g} times the error that matters", *beside[:MOST_NAMED]])
     level = _REFUSED if worst.size > 1.0 else _RESERVED
     return Condition(
         key, name, finding, limit, level, "is it another bearing or operating point? Otherwise identify anew"
@@ -280,10 +284,12 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
      f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / T, at most {MATTERS / LEAST_ACTION:g} %",
      "refused; smaller: reservations"),
-    (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode: "
-     "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
+    (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode, one "
+     "after the other: significant beyond those before, and an error of the response above the same limit",
+     "refused; smaller: reservations"),
     (_ringing, "missing modes", "lightly damped resonators driven by past errors and inputs explain significantly more "
-     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion",
+     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion; "
+     "tones, and what gains, dead times and stiffness would do, are left out",
      "refused; smaller, or where the response agrees: reservations"),
     (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),

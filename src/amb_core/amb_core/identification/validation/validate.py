@@ -16,13 +16,13 @@ from amb_core.identification.controller_check import NOT_CHECKED, check_controll
 from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
-from amb_core.identification.validation.deviations import find_deviations
+from amb_core.identification.validation.deviations import effects_of, find_deviations
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
 from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
-from amb_core.identification.validation.ringing import find_ringing
+from amb_core.identification.validation.ringing import LONGEST, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
@@ -125,6 +125,7 @@ def _validate(
             [item.outputs for item in data.experiments],
             data.sample_time,
             1.0 + (data.samples / model.samples if model.samples else 0.0),
+            lambda index: effects_of(model, data, prediction, index, LONGEST),
         )
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
     findings = tuple(check_recording(data))
