@@ -95,7 +95,10 @@ def certify_from_data(
             progress("validating")
             known = model
             if identified_from is not None and not len(model.fingerprint):  # of an old file
-                known = replace(model, fingerprint=fingerprint_of(identified_from.data))
+                known = replace(
+                    model,
+                    fingerprint=fingerprint_of(identified_from.data, np.sqrt(np.diag(model.innovation_covariance))),
+                )
             validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
         displacement = _displacement(judged)
     if swept is not None:

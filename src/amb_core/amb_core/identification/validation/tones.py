@@ -11,11 +11,14 @@ Transactions on Information Theory 20 (1974).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from amb_core.linear.model.state_space import StateSpaceModel
 
 Arrays = NDArray[np.float64]
 
@@ -25,8 +28,25 @@ _ONE = 0.9  # of the power about the line beyond the level beside it, that one s
 _MOST = 20  # tones
 _PASSES = 3
 _TURNS = 12  # halvings of the search for a frequency
+_FADED = 1e-4  # of its start, that is left of a transient of the predictor
 _FEWEST = 8 * _BESIDE  # samples
 _NO_POWER = 1e-8  # of the largest line of the reference
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone of the prediction errors.
+
+    Attributes
+    ----------
+    frequency : float
+        Its frequency (Hz).
+    share : float
+        What it has of the variance of the errors, of the output in which that is most (-).
+    """
+
+    frequency: float
+    share: float
 
 
 @dataclass(frozen=True)
@@ -48,6 +68,40 @@ class Tones:
     rest: Arrays
 
 
+@dataclass(frozen=True)
+class Undisturbed:
+    """Prediction errors of an experiment without tones that its reference lacks.
+
+    Attributes
+    ----------
+    first : int
+        Sample of the experiment with which they begin: at its start the predictor answers to a tone with a transient.
+    errors : ndarray, shape (steps, p)
+        The errors from there on.
+    tones : tuple of Tone
+        The tones, the strongest first.
+    """
+
+    first: int
+    errors: Arrays
+    tones: tuple[Tone, ...]
+
+
+def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None) -> Undisturbed:
+    """Prediction errors of an experiment, shape (steps, p), without tones.
+
+    Without a reference a tone cannot be told from what the model does not follow, and stays.
+    """
+    if reference is None or not find_tones(errors, reference).frequencies:
+        return Undisturbed(0, errors, ())
+    radius = float(np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max(initial=0.0))
+    memory = math.ceil(math.log(_FADED) / math.log(radius)) if radius > 0.0 else 1
+    first = min(memory, len(errors) // 4)
+    found = find_tones(errors[first:], reference[first:])
+    tones = zip(found.frequencies, found.shares, strict=True)
+    return Undisturbed(first, found.rest, tuple(Tone(each / model.sample_time, share) for each, share in tones))
+
+
 def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
     """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well."""
     whole = signals - signals.mean(axis=0)
@@ -65,17 +119,20 @@ def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
             break
         found += new
         rest = without_tones(whole / size, found)
+        rest = rest - rest.mean(axis=0)
     shares = [float(np.max(1.0 - np.mean(without_tones(whole / size, [one]) ** 2, axis=0))) for one in found]
     order = np.argsort([-share for share in shares])
     return Tones(tuple(found[place] for place in order), tuple(shares[place] for place in order), rest * size)
 
 
 def without_tones(signals: Arrays, frequencies: Sequence[float]) -> Arrays:
-    """Signals, shape (steps, p), without means and their parts of these frequencies (cycles per sample), if any."""
+    """Signals, shape (steps, p), without their parts of these frequencies (cycles per sample)."""
     if not len(frequencies):
         return signals
-    basis = _basis(len(signals), frequencies)
-    return np.asarray(signals - basis @ np.linalg.lstsq(basis.T @ basis, basis.T @ signals, rcond=1e-12)[0])
+    waves = _waves(len(signals), frequencies)
+    basis = np.hstack([waves, np.ones((len(signals), 1))])
+    sizes = np.linalg.lstsq(basis.T @ basis, basis.T @ signals, rcond=1e-12)[0]
+    return np.asarray(signals - waves @ sizes[:-1])
 
 
 def _power(signals: Arrays) -> Arrays:
@@ -120,16 +177,16 @@ def _tone_at(rest: Arrays, line: int, power: Arrays) -> float | None:
     return frequency if explained > _ONE * beyond else None
 
 
-def _basis(steps: int, frequencies: Sequence[float]) -> Arrays:
-    """Sinusoids of these frequencies, their products with time, and a constant, shape (steps, 4 f + 1)."""
+def _waves(steps: int, frequencies: Sequence[float]) -> Arrays:
+    """Sinusoids of these frequencies, and their products with time, shape (steps, 4 f)."""
     place = np.arange(steps)[:, np.newaxis] - 0.5 * (steps - 1)
     angle = 2.0 * np.pi * place * np.array(frequencies)
-    waves = np.hstack([np.cos(angle), np.sin(angle)])
-    return np.asarray(np.hstack([waves, waves * (place / steps), np.ones((steps, 1))]))
+    steady = np.hstack([np.cos(angle), np.sin(angle)])
+    return np.asarray(np.hstack([steady, steady * (place / steps)]))
 
 
 def _left(signals: Arrays, frequency: float) -> float:
-    """Squares that a steady sinusoid leaves."""
-    basis = _basis(len(signals), [frequency])[:, :2]
-    along = basis.T @ signals
-    return -float(np.sum(along * np.linalg.solve(basis.T @ basis, along)))
+    """Squares that a steady sinusoid leaves, but for those of the signals."""
+    steady = _waves(len(signals), [frequency])[:, :2]
+    along = steady.T @ signals
+    return -float(np.sum(along * np.linalg.solve(steady.T @ steady, along)))
