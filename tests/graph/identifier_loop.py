@@ -52,12 +52,12 @@ def linear_loop(steps: int, seed: int = 1) -> LoopRecord:
 class Loop:
     """An identifier, and records that it hears as if a controller told them, each as a run of its own."""
 
-    def __init__(self, graph: Graph) -> None:
+    def __init__(self, graph: Graph, parameter_timeout: float = 0.1) -> None:
         self.graph = graph
         self.telemetry = graph.node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
         self.status = graph.node.create_publisher(ExcitationStatus, "/amb/excitation_status", LATCHED)
         graph.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
-        self.process = graph.start(IDENTIFIER, parameters={"parameter_timeout": 0.1})
+        self.process = graph.start(IDENTIFIER, parameters={"parameter_timeout": parameter_timeout})
         self.action = ActionClient(graph.node, IdentifyAction, "/amb/identifier/identify")
         graph.wait_until(lambda: self.telemetry.get_subscription_count(), "the identifier")
         graph.wait_until(lambda: self.status.get_subscription_count(), "the identifier")

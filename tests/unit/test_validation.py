@@ -332,6 +332,11 @@ class TestResiduals:
             check_residuals([residuals], [inputs])
 
 
+def noise_of(model: StateSpaceModel) -> np.ndarray:
+    """Standard deviation of the prediction errors."""
+    return np.sqrt(np.diag(model.innovation_covariance))
+
+
 def condition(found: Validation, key: str) -> Condition:
     (one,) = (one for one in found.conditions if one.key == key)
     return one
@@ -392,7 +397,7 @@ def test_a_dead_time_of_one_sample_is_refused_and_measured(data: IdentificationD
 def test_data_of_the_identification_are_recognised_under_another_name(
     data: IdentificationData, model: StateSpaceModel
 ) -> None:
-    known = replace(model, fingerprint=fingerprint_of(data))
+    known = replace(model, fingerprint=fingerprint_of(data, noise_of(model)))
     again = replace(data, experiments=tuple(replace(item, source="another.csv") for item in data.experiments))
     for part in (again, again.window(1_000, 5_500), detrend(again)):
         found = validate(known, part, CONTROLLER)
@@ -401,14 +406,14 @@ def test_data_of_the_identification_are_recognised_under_another_name(
 
 
 def test_other_data_of_the_same_experiment_are_not_taken_for_those_of_the_identification(
-    bearing, data: IdentificationData
+    bearing, data: IdentificationData, model: StateSpaceModel
 ) -> None:
     record = bearing.experiment(1.01 * NOISE, force=FORCE, frequency=20.0, duration=0.6)
-    assert overlap(fingerprint_of(data), IdentificationData.from_record(record)) == 0.0
+    assert overlap(fingerprint_of(data, noise_of(model)), IdentificationData.from_record(record)) == 0.0
 
 
 def test_a_fingerprint_survives_every_kind_of_file(model: StateSpaceModel, data: IdentificationData, tmp_path) -> None:
-    known = replace(model, fingerprint=fingerprint_of(data))
+    known = replace(model, fingerprint=fingerprint_of(data, noise_of(model)))
     for name in ("model.json", "model.npz", "model.mat"):
         known.save(tmp_path / name)
         assert np.array_equal(StateSpaceModel.load(tmp_path / name).fingerprint, known.fingerprint)
@@ -538,7 +543,7 @@ def test_a_certificate_takes_the_word_of_the_validation(
     unknown = certify(model, CONTROLLER, validation=validate(model, data))
     assert not unknown.checks[0].passed and "controller is not known" in unknown.verdict
     assert certify(model, CONTROLLER, validation=validation).reserved is False
-    reserved = validate(replace(model, fingerprint=fingerprint_of(data)), data, CONTROLLER)
+    reserved = validate(replace(model, fingerprint=fingerprint_of(data, noise_of(model))), data, CONTROLLER)
     found = certify(model, CONTROLLER, validation=reserved)
     assert found.checks[0].passed and found.reserved
     assert any("samples of the identification" in text for text in found.warnings)

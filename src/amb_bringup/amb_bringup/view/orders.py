@@ -12,6 +12,7 @@ from amb_core.excitation import KINDS, excitation_from_request
 from amb_core.ground.errors import AmbError, one_line
 from amb_core.ground.parameters import Declaration, declarations
 from amb_core.identification import METHODS, IdentificationProgress
+from amb_core.identification.fit import fit_text
 from amb_core.regions.region_map import MapProgress
 from amb_msgs.srv import RunSteps, StartRecording, StopRecording
 
@@ -178,8 +179,11 @@ def _identify(client: AmbClient, settings: Settings, report: Report) -> str:
         report(f"{progress.stage}: {progress.done} of {progress.total}")
 
     model = client.identify(order=order, method=method, progress=on_progress)
-    fit = ", ".join(f"{value:.2f} %" for value in model.fit)
-    return f"model of order {model.order} by {model.method}" + (f", fit {fit}" if fit else "")
+    fit = ", ".join(fit_text(value) for value in model.fit)
+    verdict = model.verdict.replace("_", " ")
+    return f"{verdict} on the data of the estimate: model of order {model.order} by {model.method}" + (
+        f", fit {fit}" if fit else ""
+    )
 
 
 def forms() -> dict[str, Any]:

@@ -272,7 +272,7 @@ def identify(
         watch.tell("uncertainty", 0, 1)
         best = replace(best, uncertainty=_uncertainty(best.model, used, Watch(None, cancelled)), search=watch.search)
     watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
-    model = replace(best.model, fingerprint=fingerprint_of(data))
+    model = replace(best.model, fingerprint=fingerprint_of(data, np.sqrt(np.diag(best.model.innovation_covariance))))
     uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
     return replace(best, model=model, uncertainty=uncertainty, drift=cure, controller=controller)
 

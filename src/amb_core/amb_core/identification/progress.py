@@ -40,7 +40,8 @@ class SearchEnd:
     left : float
         Relative decrease of the squared errors that a further step promises.
     converged : bool
-        Whether that is so little that the search ended by itself, and not at its limit of steps.
+        Whether that is so little that the search ended by itself, or a tenth at most of what the true parameters leave
+        by chance.
     """
 
     iterations: int

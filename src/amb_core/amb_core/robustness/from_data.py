@@ -96,7 +96,8 @@ def certify_from_data(
         progress("validating")
         known = model
         if identified_from is not None and not len(model.fingerprint):  # of an old file
-            known = replace(model, fingerprint=fingerprint_of(identified_from.data))
+            noise = np.sqrt(np.diag(model.innovation_covariance))
+            known = replace(model, fingerprint=fingerprint_of(identified_from.data, noise))
         validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
     displacement, clearances = _displacement((judged, identified_from, swept))
     if swept is not None:

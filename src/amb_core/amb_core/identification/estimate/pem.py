@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ MOST_ITERATIONS = 22
 MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number
 _REFINING_GAIN = 1e-4  # likewise with finite memory: far below what a state must gain for the criterion of Schwarz
 _REFINING_ITERATIONS = 12
+_BESIDE_CHANCE = 0.1  # of what the true parameters leave by chance: a search that leaves less has converged
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; far below the noise of the data
 
 
@@ -121,7 +123,7 @@ def pem(
         if second_start and stalled(ends[0], fit, data):
             fit = _searched_again(modes, best, fit, data, progress, most_iterations, ends, feedthrough)
         if ended is not None:
-            ended(ends[-1])
+            ended(_by_chance(ends[-1], fit, data))
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
         d = fit.feedthrough if feedthrough else None
         return data.model(a, b, c, k, initial_states, start.sample_time, "pem", source, d, constant=True)
@@ -201,9 +203,19 @@ def stalled(end: SearchEnd, fit: Fit, data: ScaledData) -> bool:
     Without such a mode, large gains that remain are those of a model too simple for data with little noise, such as
     those of a simulated nonlinear bearing. Another start does not help there.
     """
-    parameters = fit.modes.order * (data.inputs.shape[1] + 2 * data.outputs.shape[1])  # without those of coordinates
     lasts = fit.modes.radius ** max(data.lengths) > math.exp(-1.0)  # a time constant as long as the data
-    return lasts and end.left * data.outputs.size > parameters
+    return lasts and end.left * data.outputs.size > _parameters(fit, data)
+
+
+def _parameters(fit: Fit, data: ScaledData) -> int:
+    """Parameters of a model, without those of coordinates."""
+    return fit.modes.order * (data.inputs.shape[1] + 2 * data.outputs.shape[1])
+
+
+def _by_chance(end: SearchEnd, fit: Fit, data: ScaledData) -> SearchEnd:
+    """The end of a search, converged also where the true parameters would leave far more to gain, by chance."""
+    little = end.left * data.outputs.size <= _BESIDE_CHANCE * _parameters(fit, data)
+    return replace(end, converged=end.converged or little)
 
 
 def _searched_again(

@@ -10,20 +10,25 @@ time of one sample), or the predicted position (stiffness). psi is known from pa
 independent of the past, the least-squares estimate of theta is normal around zero for a true model, feedback or not.
 Past errors are regressors too: what they explain is a fault of the noise model, not of the plant.
 
-The frequency of a mode is moved by steps, since e is not linear in it: the likelihood ratio of the best step.
+The frequency of a mode is moved by steps, since e is not linear in it: the likelihood ratio of the best step, after
+what the linear kinds explain.
 
-Each kind is judged alone, as if the plant differed in nothing else. Its size is the error of the response that it makes
-by the rule of `model_error`, relative to the limit at that frequency. The fault may be another of the same effect.
+Alone, each kind explains some of what another does, and with a size of its own: a gain that is 3 % off looks like a
+stiffness that is 5 % off. So they are taken one after the other, each time the one that explains most of what those
+before leave, until none of the others explains more than chance. The size of those taken is the error of the response
+that they make together by the rule of `model_error`, relative to the limit at that frequency. The fault may be another
+of the same effect.
 
 Sources: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 7.4 and 9.3; C. R. Rao, Linear
-Statistical Inference and Its Applications, 2nd ed., Wiley, 1973, section 6e.
+Statistical Inference and Its Applications, 2nd ed., Wiley, 1973, section 6e; A. J. Miller, Subset Selection in
+Regression, 2nd ed., Chapman and Hall, 2002, section 3.2.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +39,7 @@ from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.prediction import Prediction, filtered, predicted_states
 from amb_core.identification.validation.model_error import column_sizes, limit_at
+from amb_core.identification.validation.verdict import SIGNIFICANT
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 
@@ -45,6 +51,7 @@ MOVES = (-0.1, -0.07, -0.05, -0.03, -0.015, 0.015, 0.03, 0.05, 0.07, 0.1)
 """Steps by which the frequency of a mode is moved, relative."""
 _LIGHT = 0.1  # damping ratio of a mode at most
 _DOMINANT = 0.3  # share of the errors that one direction explains
+_ALIKE = 1e-6  # power of a direction beyond others, relative to its own, below which it is the same
 _STILL = 1e-12  # of psi relative to the errors, below which the data say nothing
 _HIGHEST = 0.25  # of the sample rate, up to which the response is compared
 _LOWEST = 1e-3
@@ -54,7 +61,7 @@ _POINTS = 6  # of the response in each band
 
 @dataclass(frozen=True)
 class Deviation:
-    """One kind of deviation, judged alone.
+    """One kind of deviation.
 
     Attributes
     ----------
@@ -63,9 +70,10 @@ class Deviation:
     value, deviation : float
         Of the plant from the model, and its standard deviation, that of the model included; NaN for a mode.
     size : float
-        Largest error of the response that it makes, relative to the limit there; above 1 it matters.
+        Largest error of the response that it makes with those that are significant, relative to the limit there; above
+        1 it matters.
     p_value : float
-        Probability of so large a value for a true model.
+        Probability for a true model that it explains so much beyond those that explain more.
     """
 
     name: str
@@ -101,8 +109,9 @@ def find_deviations(
 ) -> tuple[Deviation, ...]:
     """All kinds of which the data say anything, the least probable for a true model first."""
     bands = _Bands(model, controller)
-    found = [*_linear(model, data, prediction, bands), *_modes(model, data, prediction, bands)]
-    return tuple(sorted(found, key=lambda one: (one.p_value, -one.size)))
+    found, others = _linear(model, data, prediction, bands)
+    found += _modes(model, data, prediction, bands, others)
+    return tuple(sorted(found, key=lambda one: one.p_value))  # as they were taken, where it is 0
 
 
 class _Bands:
@@ -125,44 +134,65 @@ class _Bands:
         return max(float(np.max(100.0 * column_sizes(part) / size / limit)) for part, size, limit in parts)
 
 
+def effects_of(
+    model: StateSpaceModel, data: IdentificationData, prediction: Prediction, index: int, steps: int
+) -> Arrays:
+    """What all kinds that are linear would do to the errors of an experiment, shape (steps, kinds p) or fewer steps."""
+    item = data.experiments[index]
+    u, y = item.inputs[:steps] - model.input_offset, item.outputs[:steps] - model.output_offset
+    x = predicted_states(model, u, y, prediction.first_states[index])
+    return np.hstack([_effect(model, one, u, x) for one in _directions(model)])
+
+
 def _linear(
     model: StateSpaceModel, data: IdentificationData, prediction: Prediction, bands: _Bands
-) -> Iterator[Deviation]:
-    directions = list(_directions(model))
+) -> tuple[list[Deviation], list[Arrays]]:
+    """All linear kinds, and the effects of those that are significant on each experiment, shapes (steps, taken, p)."""
+    directions, axes = list(_directions(model)), len(model.c)
+    found: list[Deviation] = []
+    effects = [effects_of(model, data, prediction, index, len(part)) for index, part in enumerate(prediction.residuals)]
+    shaped = [part.reshape(len(part), -1, axes) for part in effects]
     errors, moved = [], []
-    for item, state, residual in zip(data.experiments, prediction.first_states, prediction.residuals, strict=True):
-        if len(residual) <= 2 * PAST * (residual.shape[1] + 1):
+    for residual, effect in zip(prediction.residuals, effects, strict=True):
+        if len(residual) <= 2 * PAST * (axes + 1):
             continue
-        u = item.inputs - model.input_offset
-        x = predicted_states(model, u, item.outputs - model.output_offset, state)
         lagged = np.hstack([residual[PAST - lag : len(residual) - lag] for lag in range(1, PAST + 1)])
         past = np.hstack([lagged, np.ones((len(lagged), 1))])
-        plain = np.hstack([residual, *(_effect(model, one, u, x) for one in directions)])[PAST:]
+        plain = np.hstack([residual, effect])[PAST:]
         rest = plain - past @ np.linalg.lstsq(past, plain, rcond=None)[0]
         plain = plain - plain.mean(axis=0)
-        axes = residual.shape[1]
         errors.append((plain[:, :axes], rest[:, :axes]))
         moved.append(tuple(item[:, axes:].reshape(len(rest), -1, axes) for item in (plain, rest)))
     if not errors:
-        return
+        return [], [part[:, :0] for part in shaped]
     try:
         of_plain, of_rest = (
             _Along(np.vstack([item[place] for item in errors]), np.concatenate([item[place] for item in moved]))
             for place in range(2)
         )
     except linalg.LinAlgError:
-        return
+        return [], [part[:, :0] for part in shaped]
     variance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
+    taken, p_values = of_rest.taken(variance)
+    # Where they dominate the errors, past errors are of these kinds too, and would hide them.
+    values = (of_plain if of_plain.explained(taken) > _DOMINANT else of_rest).values(taken)
+    strength, along = of_rest.beyond(taken)
+    together = bands.largest(_changed(directions, dict(zip(taken, values, strict=True)), bands))
     for number, one in enumerate(directions):
-        strength, along = of_rest.power[number], of_rest.product[number]
-        if strength <= _STILL * of_rest.count:
+        if number in taken:
+            place = taken.index(number)
+            value, deviation, size, p_value = values[place], of_rest.spread(taken)[place], together, p_values[place]
+        elif strength[number] > _STILL * of_rest.count:
+            value, deviation = along[number] / strength[number], 1.0 / math.sqrt(strength[number])
+            size = bands.largest(_changed(directions, {number: value}, bands))
+            p_value = of_rest.p_values(taken, variance)[number]
+        else:
             continue
-        value, deviation = along / strength, math.sqrt(variance / strength)
-        p_value = 2.0 * float(special.ndtr(-abs(value) / deviation))
-        if of_plain.explained[number] > _DOMINANT:  # past errors, which are then of this kind, would hide it
-            value = of_plain.product[number] / of_plain.power[number]
-        size = bands.largest(value * _change(one, bands))
-        yield Deviation(one.name, one.unit, one.scale * float(value), one.scale * deviation, size, p_value)
+        deviation *= math.sqrt(variance)
+        found.append(
+            Deviation(one.name, one.unit, one.scale * float(value), one.scale * deviation, size, float(p_value))
+        )
+    return found, [part[:, taken] for part in shaped]
 
 
 class _Along:
@@ -173,12 +203,52 @@ class _Along:
         white = linalg.solve_triangular(factor, errors.T, lower=True).T
         psi = effects @ linalg.solve_triangular(factor, np.eye(len(factor)), lower=True).T
         self.count = white.size
-        self.power, self.product = np.sum(psi**2, axis=(0, 2)), np.einsum("kdp,kp->d", psi, white)
+        by_direction = np.moveaxis(psi, 1, 0).reshape(psi.shape[1], -1)
+        self.power, self.product = by_direction @ by_direction.T, by_direction @ white.ravel()
 
-    @property
-    def explained(self) -> Arrays:
-        """Share of the errors that each direction explains alone."""
-        return np.asarray(self.product**2 / np.maximum(self.power, np.finfo(float).tiny) / self.count)
+    def taken(self, variance: float) -> tuple[list[int], list[float]]:
+        """The directions that explain more than chance, the best first, and the probability of each after those before.
+
+        `variance` is that of what a true model's errors explain, relative to their own.
+        """
+        taken: list[int] = []
+        found: list[float] = []
+        while len(taken) < len(self.product):
+            strength, along = self.beyond(taken)
+            p_values = self.p_values(taken, variance)
+            best = int(np.argmax(along**2 / np.maximum(strength, np.finfo(float).tiny)))
+            if not len(self.product) * p_values[best] < SIGNIFICANT:
+                break
+            taken.append(best)
+            found.append(float(p_values[best]))
+        return taken, found
+
+    def p_values(self, taken: list[int], variance: float) -> Arrays:
+        """Of each direction, for what it explains beyond those taken."""
+        strength, along = self.beyond(taken)
+        size = np.abs(along) / np.sqrt(variance * np.maximum(strength, np.finfo(float).tiny))
+        return np.asarray(2.0 * special.ndtr(-size))
+
+    def beyond(self, taken: list[int]) -> tuple[Arrays, Arrays]:
+        """Power of each direction, and its product with the errors, beyond those taken; 0 where nothing is left."""
+        power, inner = self.power[:, taken], self.power[np.ix_(taken, taken)]
+        share = np.linalg.solve(inner, power.T).T
+        own = np.diag(self.power)
+        strength = own - np.sum(share * power, axis=1)
+        left = strength > np.maximum(_ALIKE * own, _STILL * self.count)
+        return np.where(left, strength, 0.0), np.where(left, self.product - share @ self.product[taken], 0.0)
+
+    def values(self, taken: list[int]) -> Arrays:
+        """Deviations of the directions taken, together."""
+        return np.asarray(np.linalg.solve(self.power[np.ix_(taken, taken)], self.product[taken]))
+
+    def spread(self, taken: list[int]) -> Arrays:
+        """Standard deviations of these values."""
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(self.power[np.ix_(taken, taken)]))))
+
+    def explained(self, taken: list[int]) -> float:
+        """Share of the errors that the directions taken explain together."""
+        return float(self.product[taken] @ self.values(taken) / self.count)
 
 
 def _directions(model: StateSpaceModel) -> Iterator[_Direction]:
@@ -208,25 +278,33 @@ def _effect(model: StateSpaceModel, one: _Direction, u: Arrays, x: Arrays) -> Ar
     return filtered(model, signal @ model.b[:, columns].T) @ model.c.T
 
 
-def _change(one: _Direction, bands: _Bands) -> NDArray[np.complex128]:
-    """Change of the response by a deviation of 1, to first order."""
-    changed, columns = np.zeros_like(bands.response), list(one.columns)
-    by_input = bands.response[:, :, columns]
-    if one.kind == "stiffness":
-        return np.asarray(by_input @ bands.response[:, columns, :])
-    changed[:, :, columns] = by_input * (1.0 / bands.z - 1.0 if one.kind == "dead time" else 1.0)
-    return changed
+def _changed(directions: list[_Direction], values: dict[int, float], bands: _Bands) -> NDArray[np.complex128]:
+    """Change of the response by deviations of these values."""
+    by_input, feedback = bands.response.copy(), np.zeros(bands.response.shape[1])
+    for number, value in values.items():
+        one, columns = directions[number], list(directions[number].columns)
+        if one.kind == "stiffness":
+            feedback[columns] += value
+        else:
+            by_input[:, :, columns] *= 1.0 + value * (1.0 / bands.z - 1.0 if one.kind == "dead time" else 1.0)
+    if feedback.any():  # the positions act on the inputs
+        return np.asarray(np.linalg.solve(np.eye(len(feedback)) - by_input * feedback, by_input) - bands.response)
+    return np.asarray(by_input - bands.response)
 
 
 def _modes(
-    model: StateSpaceModel, data: IdentificationData, prediction: Prediction, bands: _Bands
+    model: StateSpaceModel,
+    data: IdentificationData,
+    prediction: Prediction,
+    bands: _Bands,
+    others: list[Arrays],
 ) -> Iterator[Deviation]:
-    """Modes whose frequency another step explains the data better."""
+    """Modes of which another frequency explains the data better, beyond what other kinds of these effects explain."""
     poles, right = np.linalg.eig(model.a)
     if np.linalg.cond(right) > 1e10:
         return
     left = np.linalg.inv(right)
-    at_first = _log_size(prediction.residuals)
+    at_first = _log_size(prediction.residuals, others)
     variance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
     for number, pole in enumerate(poles):
         if pole.imag <= 0.0:
@@ -238,7 +316,7 @@ def _modes(
         for move in MOVES:
             change = np.exp(rate + 1j * move * rate.imag) - pole
             moved = replace(model, a=model.a + 2.0 * (change * shape).real)
-            better = at_first - _log_size_of(moved, data, prediction)
+            better = at_first - _log_size_of(moved, data, prediction, others)
             if better > best[0]:
                 best = (better, move, moved)
         if best[0] > 0.0:
@@ -250,19 +328,28 @@ def _modes(
             )
 
 
-def _log_size(errors: tuple[Arrays, ...]) -> float:
-    """Logarithm of the determinant of the covariance of errors."""
-    samples = sum(map(len, errors))
-    return float(np.linalg.slogdet(sum(part.T @ part for part in errors) / samples)[1])
+def _log_size(errors: Sequence[Arrays], effects: list[Arrays]) -> float:
+    """Logarithm of the determinant of the covariance of what the effects leave of errors."""
+    e, psi = np.vstack(errors), np.concatenate(effects)
+    covariance = e.T @ e / len(e)
+    if psi.shape[1]:
+        white = linalg.cholesky(np.linalg.inv(covariance), lower=True)
+        by_effect = np.moveaxis(psi @ white, 1, 0).reshape(psi.shape[1], -1)
+        values = np.linalg.lstsq(by_effect @ by_effect.T, by_effect @ (e @ white).ravel(), rcond=None)[0]
+        e = e - np.tensordot(psi, values, axes=(1, 0))
+        covariance = e.T @ e / len(e)
+    return float(np.linalg.slogdet(covariance)[1])
 
 
-def _log_size_of(model: StateSpaceModel, data: IdentificationData, prediction: Prediction) -> float:
+def _log_size_of(
+    model: StateSpaceModel, data: IdentificationData, prediction: Prediction, effects: list[Arrays]
+) -> float:
     """The same of the prediction errors of a model; infinite where its predictor is unstable."""
     errors = []
     try:
         for item, state in zip(data.experiments, prediction.first_states, strict=True):
             u, y = item.inputs - model.input_offset, item.outputs - model.output_offset
             errors.append(y - predicted_states(model, u, y, state) @ model.c.T - u @ model.d.T)
-    except IdentificationError:
+        return _log_size(errors, effects)
+    except (IdentificationError, linalg.LinAlgError):
         return math.inf
-    return _log_size(tuple(errors))

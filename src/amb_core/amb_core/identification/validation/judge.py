@@ -25,6 +25,12 @@ SHORT_OF_POSSIBLE = 10.0
 OVERLAP = 0.05
 """Share of the samples of the identification that the data may hold again."""
 
+MOST_NAMED = 2
+"""Kinds of deviation that are named beside the one that matters most."""
+
+NOTABLE_TONE = 0.01
+"""Share of the variance of the residuals from which a tone is named."""
+
 NOTED = "clipping"
 """Of the checks of a recording the one that is a note only: currents at their limit are recorded behind it, so they are
 the true ones, and the loop is simulated with the limit."""
@@ -98,6 +104,11 @@ def _followed(found: Measures) -> Condition:
 def _why_short(found: Measures, poor: np.ndarray) -> str:
     loop = found.closed_loop
     assert loop is not None
+    if found.controller_check.severity is not Severity.INFO:
+        return (
+            "The controller did not compute the recorded currents, so the simulated loop is another one: give the "
+            "controller of this experiment first"
+        )
     spread = np.vstack([record.position for record in loop.measured]).std(axis=0)
     if np.any(poor & (np.abs(loop.offset) > 0.5 * (1.0 - 0.01 * loop.fit) * spread)):
         return (
@@ -157,7 +168,8 @@ def _deviations(found: Measures) -> Condition:
     if not significant:
         return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
     worst = max(significant, key=lambda one: one.size)
-    finding = f"{worst.text}, {worst.size:.2g} times the error that matters"
+    beside = [one.text for one in significant if one is not worst]
+    finding = "; ".join([f"{worst.text}, {worst.size:.2g} times the error that matters", *beside[:MOST_NAMED]])
     level = _REFUSED if worst.size > 1.0 else _RESERVED
     return Condition(
         key, name, finding, limit, level, "is it another bearing or operating point? Otherwise identify anew"
@@ -194,23 +206,32 @@ def _ringing(found: Measures) -> Condition:
 def _independent(found: Measures) -> Condition:
     return _by_chance(
         "independence", "the residuals are independent of past inputs", found.residuals.independence,
-        "past inputs explain",
+        "past inputs explain", "",
         "The plant part misses dynamics. Raise the order; if that does not help, the plant is nonlinear, or its "
         "operating point differs from that of the identification",
     )  # fmt: skip
 
 
 def _white(found: Measures) -> Condition:
+    heard = [one for one in found.tones if one.share > NOTABLE_TONE]
+    tones = ", ".join(f"{one.frequency:.4g} Hz ({100.0 * one.share:.2g} %)" for one in heard)
+    if tones and not found.residuals.whiteness.passed:
+        return _by_chance(
+            "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains",
+            f"; they hold tones of {tones}",
+            "A tone, as of an unbalance or of the mains, is a disturbance and no fault of the plant part; it affects "
+            "predictions. Record without it, or at another speed, to see what else there is",
+        )  # fmt: skip
     return _by_chance(
-        "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains",
+        "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains", "",
         "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
         "less the design of a controller",
     )  # fmt: skip
 
 
-def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, advice: str) -> Condition:
+def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, beside: str, advice: str) -> Condition:
     """A test of the residuals; those that fail leave reservations."""
-    finding = f"p = {test.p_value:.2g}; {cause} {100.0 * test.unexplained:.3g} % of their variance"
+    finding = f"p = {test.p_value:.2g}; {cause} {100.0 * test.unexplained:.3g} % of their variance{beside}"
     limit = f"chance, p = {SIGNIFICANT:g}"
     if test.passed:
         return Condition(key, name, finding, limit)
@@ -237,7 +258,7 @@ def _distortion(found: Measures) -> Condition:
 def _fresh(found: Measures) -> Condition:
     key, name = "fresh_data", "the data are not those of the identification"
     limit = f"{100.0 * OVERLAP:g} % of their samples in common"
-    if found.overlap == 0.0 and not len(found.model.fingerprint):
+    if np.isnan(found.overlap):
         return Condition(key, name, "not known: the model has no fingerprint of its data", limit, checked=False)
     if not found.overlap > OVERLAP:
         return Condition(key, name, "no samples in common" if found.overlap == 0.0 else "hardly any in common", limit)
@@ -275,17 +296,20 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, and outliers", "reservations"),
     (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a true model reaches with "
      f"the noise of the residuals in the loop, each axis: more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
-    (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, each axis: more than "
-     f"{SHORT_OF_POSSIBLE:g} points worse", "refused"),
+    (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, but for tones, each axis: "
+     f"more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
      f"{RESOLVED:g} % open: significant and above {MATTERS:g} % / T, at most {MATTERS / LEAST_ACTION:g} %",
      "refused; smaller: reservations"),
-    (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode: "
-     "significant, and an error of the response above the same limit", "refused; smaller: reservations"),
+    (_deviations, "kinds of deviation", "gain, dead time, stiffness of each axis and of all, frequency of each mode, "
+     "one after the other: significant beyond those before, and an error of the response above the same limit",
+     "refused; smaller: reservations"),
     (_ringing, "missing modes", "lightly damped resonators driven by past errors and inputs explain significantly more "
-     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion",
+     f"of the errors at a frequency, {NOTABLE:g} times as much as beside it, with {100.0 * SHARE:g} % of the motion; "
+     "tones, and what gains, dead times and stiffness would do, are left out",
      "refused; smaller, or where the response agrees: reservations"),
-    (_independent, "independence", "score test of the residuals on the inputs of 25 samples before", "reservations"),
+    (_independent, "independence", "score test of the residuals, without tones that the reference lacks, on the "
+     "inputs of 25 samples before", "reservations"),
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
     (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise where it can be measured; else "
      f"noise and distortion above {100.0 * LOW_COHERENCE:g} % with residuals that are not noise",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,6 +19,7 @@ from amb_core.identification.validation.model_error import BandError
 from amb_core.identification.validation.residuals import ResidualTests
 from amb_core.identification.validation.ringing import Ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit
+from amb_core.identification.validation.tones import Tone
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.regions.distortion import Evidence
 
@@ -61,9 +63,11 @@ class Measures(Result):
     without_loop : str
         Why there is no closed loop; empty if there is one.
     overlap : float
-        Share of the samples of the identification that these data hold again, about (-).
+        Share of the samples of the identification that these data hold again, about (-); NaN where not known.
     search : SearchEnd or None
         How the search of the identification ended, where it is known. None otherwise.
+    tones : tuple of Tone
+        Tones of the residuals of the longest experiment that its reference lacks, the strongest first.
     undecided : str or None
         What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
     """
@@ -84,9 +88,10 @@ class Measures(Result):
     ringing: Ringing | None = None
     possible_fit: PossibleFit | None = None
     without_loop: str = ""
-    overlap: float = 0.0
+    overlap: float = math.nan
     search: SearchEnd | None = None
     undecided: str | None = None
+    tones: tuple[Tone, ...] = ()
 
     @property
     def fit(self) -> NDArray[np.float64]:
@@ -115,9 +120,9 @@ class Measures(Result):
 
     @cached_property
     def possible_one_step_fit(self) -> NDArray[np.float64]:
-        """One-step fit of each output that the past of all signals explains (percent), shape (p,)."""
-        tests = zip(self.residuals.whiteness_by_output, self.residuals.independence_by_output, strict=True)
-        left = np.array(
-            [min(1.0, max(1.0 - white.beyond_chance - driven.beyond_chance, 0.0)) for white, driven in tests]
-        )
+        """One-step fit of each output that the past of all signals explains, but for tones (percent), shape (p,)."""
+        found = self.residuals
+        tests = zip(found.undisturbed_whiteness_by_output, found.independence_by_output, strict=True)
+        explained = np.array([white.beyond_chance + driven.beyond_chance for white, driven in tests])
+        left = np.clip(1.0 - found.undisturbed_share * explained, 0.0, 1.0)
         return np.asarray(100.0 - (100.0 - self.one_step_fit) * np.sqrt(left))

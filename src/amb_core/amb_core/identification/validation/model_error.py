@@ -42,6 +42,7 @@ MATTERS, LEAST_ACTION = 5.0, 0.1
 """Error that matters where the loop acts (percent), and the action of the loop below which it grows no more."""
 _LEAST_POWER = 1e-8  # of the reference in a band, relative to that in all
 _LEAST_INDEPENDENCE = 1e-4  # smallest eigenvalue of the references' correlation in a band
+_LEAST_SEPARATE = 1e-8  # smallest singular value of how the inputs follow the references, each of length 1
 _POINTS = 24  # of a band at which the model's response is computed
 
 
@@ -156,10 +157,13 @@ def _estimate(
         return None
     if np.linalg.eigvalsh(rr / np.outer(scale, scale))[0] < _LEAST_INDEPENDENCE:
         return None
+    inner = ur / np.maximum(np.linalg.norm(ur, axis=1, keepdims=True), np.finfo(float).tiny)
+    if np.linalg.svd(inner, compute_uv=False)[-1] < _LEAST_SEPARATE:  # inputs that are multiples of one another
+        return None
     by_inputs = ur.conj().T @ np.linalg.inv(ur @ np.linalg.solve(rr, ur.conj().T))  # S_ur^-1, least squares if p > m
     x = er @ np.linalg.solve(rr, by_inputs)
     rest = e - r @ np.linalg.solve(rr.T, er.T)
-    noise = np.sum(np.abs(rest) ** 2, axis=0) / free
+    noise = np.maximum(np.sum(np.abs(rest) ** 2, axis=0) / free, np.finfo(float).tiny)
     spread = np.diag(by_inputs.conj().T @ np.linalg.solve(rr, by_inputs)).real
     return x, np.outer(noise, spread), free
 

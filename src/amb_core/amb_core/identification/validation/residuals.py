@@ -111,6 +111,10 @@ class ResidualTests:
         All outputs and, for independence, all inputs together.
     whiteness_by_output, independence_by_output : tuple of ChiSquareTest
         The same for each output alone.
+    undisturbed_whiteness_by_output : tuple of ChiSquareTest
+        Whiteness of each output without disturbances that are known.
+    undisturbed_share : ndarray, shape (p,)
+        Share of the variance of the residuals that is left without them (-).
     """
 
     lags: int
@@ -124,10 +128,17 @@ class ResidualTests:
     independence: ChiSquareTest
     whiteness_by_output: tuple[ChiSquareTest, ...]
     independence_by_output: tuple[ChiSquareTest, ...]
+    undisturbed_whiteness_by_output: tuple[ChiSquareTest, ...]
+    undisturbed_share: NDArray[np.float64]
 
 
 def check_residuals(
-    residuals: Signals, inputs: Signals, lags: int = LAGS, parameters: int = 0, estimation_samples: int = 0
+    residuals: Signals,
+    inputs: Signals,
+    lags: int = LAGS,
+    parameters: int = 0,
+    estimation_samples: int = 0,
+    undisturbed: tuple[Signals, Signals] | None = None,
 ) -> ResidualTests:
     """Test residuals of one or more experiments.
 
@@ -140,6 +151,8 @@ def check_residuals(
     parameters, estimation_samples : int, optional
         Parameters of the model that were estimated, and samples that they were estimated from; 0 for a model that is
         known exactly.
+    undisturbed : tuple of two sequences of ndarray, shapes (steps, p), (steps, m), optional
+        Residuals without disturbances that are known, and their inputs, for the test of independence; by default all.
 
     Returns
     -------
@@ -161,8 +174,12 @@ def check_residuals(
     errors, deviation = _normalised(residuals, "residual")
     driving, _ = _normalised(inputs, "input")
     white = decorrelated(errors)
+    quiet, along = (residuals, inputs) if undisturbed is None else undisturbed
+    (driven, left), (driven_by, _) = _normalised(quiet, "residual"), _normalised(along, "input")
     judge = partial(_judge, parameters=parameters, share=samples / estimation_samples if estimation_samples else 0.0)
-    alone = [[part[:, [output]] for part in errors] for output in range(len(deviation))]
+    alone, driven_alone = (
+        [[part[:, [output]] for part in parts] for output in range(len(deviation))] for parts in (errors, driven)
+    )
     return ResidualTests(
         lags=lags,
         samples=samples,
@@ -172,9 +189,11 @@ def check_residuals(
         cross_correlation=np.array([_product(errors, driving, lag) for lag in range(-lags, lags + 1)]) / samples,
         band=QUANTILE / np.sqrt(samples),
         whiteness=_whiteness(white, lags, judge),
-        independence=_independence(white, driving, lags, judge),
+        independence=_independence(decorrelated(driven), driven_by, lags, judge),
         whiteness_by_output=tuple(_whiteness(errors, lags, judge) for errors in alone),
-        independence_by_output=tuple(_independence(errors, driving, lags, judge) for errors in alone),
+        independence_by_output=tuple(_independence(errors, driven_by, lags, judge) for errors in driven_alone),
+        undisturbed_whiteness_by_output=tuple(_whiteness(errors, lags, judge) for errors in driven_alone),
+        undisturbed_share=np.minimum((left / deviation) ** 2, 1.0),
     )
 
 

@@ -8,16 +8,18 @@ resonators are driven by e and u,
 
 and e is regressed on the real and imaginary parts of s. Below its resonance s follows what drives it, so that at every
 frequency it would explain what a wrong gain or a wrong slow mode leaves in e, and no peak would stand out. What e and u
-of the last samples explain is therefore removed from e and from s. For a true model with p outputs and m inputs what
-the rest of s explains, in units of the variance, is a chi-square variable of 2 p (p + m) degrees of freedom. Single
-lines of e are cut down to their neighbours first: a tone, such as that of an unbalance, is a disturbance, and no mode.
+of the last samples explain is therefore removed from e and from s, and so is what gains, dead times and stiffness that
+deviate would do: their effect lasts as long as the predictor remembers, and where the excitation ends it has an edge
+that looks like a peak. For a true model with p outputs and m inputs what the rest of s explains, in units of the
+variance, is a chi-square variable of 2 p (p + m) degrees of freedom. Tones of e are subtracted first: one, such as that
+of an unbalance, is a disturbance, and no mode.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 16.6 (residual tests as regressions).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -27,20 +29,23 @@ from scipy import special
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.validation.residuals import decorrelated
+from amb_core.identification.validation.tones import find_tones, without_tones
 from amb_core.identification.validation.verdict import SIGNIFICANT
 
 Arrays = NDArray[np.float64]
 
 NOTABLE, SHARE = 1.25, 0.1
 """Height over its neighbourhood, and error relative to the motion beside it, from which a peak is that of a mode."""
+LONGEST = 20_000
+"""Samples used."""
 _DAMPING, _MOST_DAMPED = 0.01, 0.1
 _LINES = 10.0  # half the bandwidth of a resonator at least, in lines of the record: the statistic needs as many
 _STEP = 1.02  # factor from one frequency to the next
 _NEIGHBOURHOOD = 35  # frequencies to either side: an octave
 _PAST = 4  # samples before of errors and inputs, whose part is removed
 _HIGHEST = 0.8  # of the Nyquist frequency
-_LONGEST = 20_000  # samples used
-_TONE, _BESIDE = 12.0, 8  # power of a line over that of as many lines to either side
+_ALIKE = 1e-10  # eigenvalue of columns of length 1, relative to the largest, below which it is rounding
+_NOTHING = 1e-13  # square of what is left of a column of length 1, below which it is rounding
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,7 @@ def find_ringing(
     outputs: Sequence[Arrays],
     sample_time: float,
     allowance: float = 1.0,
+    effects: Callable[[int], Arrays] | None = None,
 ) -> Ringing | None:
     """The most significant peak in the longest experiment; None if it is too short, or its errors are not independent.
 
@@ -82,14 +88,19 @@ def find_ringing(
         Sample time (s).
     allowance : float
         Variance of what the errors of a model with uncertain parameters explain, relative to a true one's.
+    effects : callable, optional
+        Called with the number of an experiment; returns what deviations that are no modes do to its errors, shape
+        (steps, d), of `LONGEST` samples or all. None for none.
     """
     longest = int(np.argmax([len(part) for part in residuals]))
     try:
-        (e,) = decorrelated([_without_tones(residuals[longest][:_LONGEST])])
-        u = inputs[longest][: len(e)]
+        tones, motion = find_tones(residuals[longest][:LONGEST]), outputs[longest][:LONGEST]
+        (e,) = decorrelated([tones.rest])
+        u = without_tones(inputs[longest][: len(e)], tones.frequencies)
         u = u[:, u.std(axis=0) > 0.0]
         signals = np.ascontiguousarray(np.hstack([e, (u - u.mean(axis=0)) / u.std(axis=0)]))
-        past = _basis_of_past(signals)
+        others = np.empty((len(e), 0)) if effects is None else effects(longest)
+        past = _basis(signals, others)
         (rest,) = decorrelated([_without(past, e[_PAST:])])
     except IdentificationError:
         return None
@@ -103,15 +114,15 @@ def find_ringing(
         return None
     damping = np.maximum(_DAMPING, _LINES / (grid * duration))
     poles = np.exp((1j - damping) * 2.0 * np.pi * grid * sample_time)
-    regressors = (_without(past, _states(pole, signals)[_PAST:]) for pole in poles)
-    explained = np.array([_explained(rest, one) for one in regressors]) / allowance
+    states = (_states(pole, signals)[_PAST:] for pole in poles)
+    explained = np.array([_explained(rest, one, past) for one in states]) / allowance
     beside = [explained[max(place - _NEIGHBOURHOOD, 0) : place + _NEIGHBOURHOOD] for place in range(len(grid))]
     level, degrees = np.array([np.median(part) for part in beside]), 2 * p * signals.shape[1]
     heights = explained / level
     # Where errors are not white anyway, that much more than beside it: a noncentral chi-square variable, nearly normal.
     spread = np.sqrt(2.0 * (degrees + 2.0 * np.maximum(level - degrees, 0.0)))
     p_values = np.maximum(special.chdtrc(degrees, explained), special.ndtr((level - explained) / spread))
-    shares = _shares(residuals[longest], outputs[longest], grid * sample_time)
+    shares = _shares(tones.rest, motion, grid * sample_time)
     high, by_chance = heights > NOTABLE, np.minimum(len(grid) * p_values, 1.0)
     refuses = high & (by_chance < SIGNIFICANT) & (shares > SHARE)  # a small peak does not hide one that matters
     best = np.lexsort((-heights, p_values, ~high, ~refuses))[0]
@@ -128,22 +139,14 @@ def _shares(errors: Arrays, motion: Arrays, frequencies: Arrays) -> Arrays:
     return np.asarray(np.sqrt(np.max(of_errors / np.maximum(of_motion, np.finfo(float).tiny), axis=1)))
 
 
-def _without_tones(errors: Arrays) -> Arrays:
-    """The errors with lines that stand out from those beside them cut down to these."""
-    spectrum = np.fft.rfft(errors - errors.mean(axis=0), axis=0)
-    power = np.sum(np.abs(spectrum) ** 2, axis=1)
-    padded = np.pad(power, _BESIDE, mode="reflect")
-    beside = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1), axis=1)
-    level = np.ones(len(power))
-    tones = power > _TONE * beside
-    level[tones] = np.sqrt(beside[tones] / power[tones])
-    return np.asarray(np.fft.irfft(spectrum * level[:, np.newaxis], len(errors), axis=0))
-
-
-def _basis_of_past(signals: Arrays) -> Arrays:
-    """Orthonormal columns that span the signals of the last samples, from the sample on that has all of them."""
+def _basis(signals: Arrays, others: Arrays) -> Arrays:
+    """Orthonormal columns that span others and the signals of the last samples, as far as there are all of them."""
     lagged = [signals[_PAST - lag : len(signals) - lag] for lag in range(1, _PAST + 1)]
-    return np.asarray(np.linalg.qr(np.hstack(lagged))[0])
+    columns = np.hstack([*lagged, others[_PAST:]])
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    kept = values > _ALIKE * values[-1]
+    return np.asarray(np.linalg.qr(columns @ vectors[:, kept])[0])
 
 
 def _without(basis: Arrays, values: Arrays) -> Arrays:
@@ -151,12 +154,15 @@ def _without(basis: Arrays, values: Arrays) -> Arrays:
     return np.asarray(values - basis @ (basis.T @ values))
 
 
-def _explained(errors: Arrays, regressors: Arrays) -> float:
-    """Squared length of the errors in the space of the regressors."""
+def _explained(errors: Arrays, regressors: Arrays, removed: Arrays) -> float:
+    """Squared length of the errors in the space of what orthonormal columns, removed from both, leave of regressors."""
     scaled = regressors / np.maximum(np.linalg.norm(regressors, axis=0), np.finfo(float).tiny)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > 1e-10 * values[-1]
-    along = vectors[:, kept].T @ (scaled.T @ errors) / np.sqrt(values[kept])[:, np.newaxis]
+    along = removed.T @ scaled
+    power = scaled.T @ scaled - along.T @ along
+    left = np.sqrt(np.maximum(np.diag(power), _NOTHING))
+    values, vectors = np.linalg.eigh(power / np.outer(left, left))
+    kept = values > _ALIKE * values[-1]
+    along = vectors[:, kept].T @ ((scaled / left).T @ errors) / np.sqrt(values[kept])[:, np.newaxis]
     return float(np.sum(along**2))
 
 

@@ -16,14 +16,15 @@ from amb_core.identification.controller_check import NOT_CHECKED, check_controll
 from amb_core.identification.given import Data, Model, given_loop, given_model
 from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
-from amb_core.identification.validation.deviations import find_deviations
+from amb_core.identification.validation.deviations import effects_of, find_deviations
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
 from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
-from amb_core.identification.validation.ringing import find_ringing
+from amb_core.identification.validation.ringing import LONGEST, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
+from amb_core.identification.validation.tones import undisturbed
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
@@ -108,23 +109,32 @@ def _validate(
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with one_blas_thread():
         prediction = predict(model, data, horizons)
+        references = [item.inputs if in_open_loop(data) else item.reference for item in data.experiments]
+        quiet = [undisturbed(model, *pair) for pair in zip(prediction.residuals, references, strict=True)]
+        errors_of = [one.errors for one in quiet]
+        inputs_of = [item.inputs[one.first :] for item, one in zip(data.experiments, quiet, strict=True)]
+        outputs_of = [item.outputs[one.first :] for item, one in zip(data.experiments, quiet, strict=True)]
         residuals = check_residuals(
             prediction.residuals,
             [item.inputs for item in data.experiments],
             lags,
             model.order * (2 * len(model.c) + model.b.shape[1]) + (model.d.size if np.any(model.d) else 0),
             model.samples,
+            (errors_of, inputs_of),
         )
         loop = _closed_loop(model, data, controller, prediction)
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
         deviations = find_deviations(model, data, prediction, known)
         ringing = find_ringing(
-            prediction.residuals,
-            [item.inputs for item in data.experiments],
-            [item.outputs for item in data.experiments],
+            errors_of,
+            inputs_of,
+            outputs_of,
             data.sample_time,
             1.0 + (data.samples / model.samples if model.samples else 0.0),
+            lambda index: effects_of(model, data, prediction, index, quiet[index].first + LONGEST)[
+                quiet[index].first :
+            ],
         )
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
     findings = tuple(check_recording(data))
@@ -149,6 +159,7 @@ def _validate(
         overlap=overlap(model.fingerprint, data),
         search=search,
         undecided=uncertainty.at_one if uncertainty is not None else None,
+        tones=max(quiet, key=lambda one: len(one.errors)).tones,
     )
 
 
@@ -164,6 +175,18 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
         if mine != theirs:
             raise IdentificationError(
                 f"the data have the {kind}s {', '.join(theirs)}, the model {', '.join(mine)}; they must be the same"
+            )
+        units, others = getattr(model, f"{kind}_units"), getattr(data, f"{kind}_units")
+        other = [
+            (name, unit, mine)
+            for name, mine, unit in zip(theirs, units, others, strict=True)
+            if unit and mine and unit != mine
+        ]
+        if other:
+            name, unit, own = other[0]
+            raise IdentificationError(
+                f"the {kind} {name} is in {unit} in the data and in {own} in the model; they must have the same units: "
+                "convert the data, or identify from data in these units"
             )
     for index, item in enumerate(data.experiments):
         if not np.isfinite(item.signals).all():

@@ -81,7 +81,10 @@ class Coherence(Result):
     def brief(self) -> str:
         """The number of each axis in a few words."""
         known = [(name, ratio) for name, ratio in zip(self.axes, self.ratio, strict=True) if not np.isnan(ratio)]
-        return "noise and distortion together " + ", ".join(f"{100.0 * ratio:.2g} % on {name}" for name, ratio in known)
+        shares = (
+            (name, f"{100.0 * ratio:.2g} %" if np.isfinite(ratio) else "all of the motion") for name, ratio in known
+        )
+        return "noise and distortion together " + ", ".join(f"{share} on {name}" for name, share in shares)
 
     @property
     def rows(self) -> list[tuple[str, str]]:
@@ -93,7 +96,7 @@ class Coherence(Result):
         """One line for people."""
         known = [(name, value) for name, value in zip(self.axes, self.overall, strict=True) if not np.isnan(value)]
         values = ", ".join(f"{value:.3f} on {name}" for name, value in known)
-        return f"coherence of the position with the reference: {values} ({self.brief} of the explained motion)"
+        return f"coherence of the position with the reference: {values} ({self.brief}, over the explained motion)"
 
     def as_dict(self) -> dict[str, dict[str, float | None]]:
         """Numbers of each axis, as plain values for strict JSON; None where there is none.

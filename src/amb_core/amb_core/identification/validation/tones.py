@@ -1,0 +1,192 @@
+"""Tones in prediction errors: lines of an unbalance or of the mains, disturbances that say nothing of the plant.
+
+A tone stands out of the lines beside it, and one sinusoid explains it: unlike a lightly damped mode that noise drives,
+which spreads over the lines of its bandwidth. Tones seldom have the frequency of a line, so that a rectangular window
+spreads them over many: they are found behind a Hann window and subtracted by least squares, with an amplitude that may
+change evenly over the record.
+
+Source: D. C. Rife and R. R. Boorstyn, Single-tone parameter estimation from discrete-time observations, IEEE
+Transactions on Information Theory 20 (1974).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.linear.model.state_space import StateSpaceModel
+
+Arrays = NDArray[np.float64]
+
+_BESIDE = 8  # lines to either side that are compared with
+_TONE = 12.0  # power of a line over that of those beside it
+_ONE = 0.9  # of the power about the line beyond the level beside it, that one sinusoid explains
+_MOST = 20  # tones
+_PASSES = 3
+_TURNS = 12  # halvings of the search for a frequency
+_FADED = 1e-4  # of its start, that is left of a transient of the predictor
+_FEWEST = 8 * _BESIDE  # samples
+_NO_POWER = 1e-8  # of the largest line of the reference
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A tone of the prediction errors.
+
+    Attributes
+    ----------
+    frequency : float
+        Its frequency (Hz).
+    share : float
+        What it has of the variance of the errors, of the output in which that is most (-).
+    """
+
+    frequency: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Tones of several signals of one experiment.
+
+    Attributes
+    ----------
+    frequencies : tuple of float
+        Their frequencies (cycles per sample), the strongest first.
+    shares : tuple of float
+        What each has of the variance of the signals, of the signal in which that is most (-).
+    rest : ndarray, shape (steps, p)
+        The signals without tones and means.
+    """
+
+    frequencies: tuple[float, ...]
+    shares: tuple[float, ...]
+    rest: Arrays
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """Prediction errors of an experiment without tones that its reference lacks.
+
+    Attributes
+    ----------
+    first : int
+        Sample of the experiment with which they begin: at its start the predictor answers to a tone with a transient.
+    errors : ndarray, shape (steps, p)
+        The errors from there on.
+    tones : tuple of Tone
+        The tones, the strongest first.
+    """
+
+    first: int
+    errors: Arrays
+    tones: tuple[Tone, ...]
+
+
+def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None) -> Undisturbed:
+    """Prediction errors of an experiment, shape (steps, p), without tones.
+
+    Without a reference a tone cannot be told from what the model does not follow, and stays.
+    """
+    if reference is None or not find_tones(errors, reference).frequencies:
+        return Undisturbed(0, errors, ())
+    radius = float(np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max(initial=0.0))
+    memory = math.ceil(math.log(_FADED) / math.log(radius)) if radius > 0.0 else 1
+    first = min(memory, len(errors) // 4)
+    found = find_tones(errors[first:], reference[first:])
+    tones = zip(found.frequencies, found.shares, strict=True)
+    return Undisturbed(first, found.rest, tuple(Tone(each / model.sample_time, share) for each, share in tones))
+
+
+def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
+    """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well."""
+    whole = signals - signals.mean(axis=0)
+    size = np.maximum(whole.std(axis=0), np.finfo(float).tiny)
+    rest, found = whole / size, list[float]()
+    if len(rest) < _FEWEST:
+        return Tones((), (), whole)
+    excited = _stands_out(reference) if reference is not None else np.zeros(len(rest) // 2 + 1, bool)
+    for _ in range(_PASSES):
+        power = _power(rest)
+        lines = np.flatnonzero(_peaks(power) & ~excited)
+        strongest = lines[np.argsort(-power[lines])][: _MOST - len(found)]
+        new = [frequency for line in strongest if (frequency := _tone_at(rest, int(line), power)) is not None]
+        if not new:
+            break
+        found += new
+        rest = without_tones(whole / size, found)
+        rest = rest - rest.mean(axis=0)
+    shares = [float(np.max(1.0 - np.mean(without_tones(whole / size, [one]) ** 2, axis=0))) for one in found]
+    order = np.argsort([-share for share in shares])
+    return Tones(tuple(found[place] for place in order), tuple(shares[place] for place in order), rest * size)
+
+
+def without_tones(signals: Arrays, frequencies: Sequence[float]) -> Arrays:
+    """Signals, shape (steps, p), without their parts of these frequencies (cycles per sample)."""
+    if not len(frequencies):
+        return signals
+    waves = _waves(len(signals), frequencies)
+    basis = np.hstack([waves, np.ones((len(signals), 1))])
+    sizes = np.linalg.lstsq(basis.T @ basis, basis.T @ signals, rcond=1e-12)[0]
+    return np.asarray(signals - waves @ sizes[:-1])
+
+
+def _power(signals: Arrays) -> Arrays:
+    """Of each line behind a Hann window, all signals together."""
+    window = np.hanning(len(signals))[:, np.newaxis]
+    return np.asarray(np.sum(np.abs(np.fft.rfft(signals * window, axis=0)) ** 2, axis=1))
+
+
+def _beside(power: Arrays) -> Arrays:
+    """Median over the lines to either side of each."""
+    padded = np.pad(power, _BESIDE, mode="reflect")
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1), axis=1))
+
+
+def _peaks(power: Arrays) -> NDArray[np.bool_]:
+    """Lines that stand out of those beside them, and are the highest of these."""
+    padded = np.pad(power, _BESIDE, mode="reflect")
+    highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1).max(axis=1)
+    found = (power > _TONE * _beside(power)) & (power >= highest)
+    found[:2] = False  # the mean behind the window
+    return np.asarray(found)
+
+
+def _stands_out(reference: Arrays) -> NDArray[np.bool_]:
+    """Lines that stand out in a reference, and those next to them, to which a window spreads them."""
+    power = _power(reference - reference.mean(axis=0))
+    out = (power > _TONE * _beside(power)) & (power > _NO_POWER * power.max())
+    return np.asarray(np.convolve(out, np.ones(5), mode="same") > 0.5)
+
+
+def _tone_at(rest: Arrays, line: int, power: Arrays) -> float | None:
+    """Frequency of the tone at a line (cycles per sample); None if it is none."""
+    low, high = max(line - _BESIDE, 0), line + _BESIDE + 1
+    frequency, step = line / len(rest), 0.5 / len(rest)
+    left = _left(rest, frequency)
+    for _ in range(_TURNS):  # halve the interval about the frequency that leaves least
+        sides = [(_left(rest, frequency + sign * step), frequency + sign * step) for sign in (-1.0, 1.0)]
+        left, frequency = min([(left, frequency), *sides])
+        step *= 0.5
+    beyond = float(np.sum(power[low:high]) - (high - low) * _beside(power)[line])
+    explained = float(np.sum(power[low:high]) - np.sum(_power(without_tones(rest, [frequency]))[low:high]))
+    return frequency if explained > _ONE * beyond else None
+
+
+def _waves(steps: int, frequencies: Sequence[float]) -> Arrays:
+    """Sinusoids of these frequencies, and their products with time, shape (steps, 4 f)."""
+    place = np.arange(steps)[:, np.newaxis] - 0.5 * (steps - 1)
+    angle = 2.0 * np.pi * place * np.array(frequencies)
+    steady = np.hstack([np.cos(angle), np.sin(angle)])
+    return np.asarray(np.hstack([steady, steady * (place / steps)]))
+
+
+def _left(signals: Arrays, frequency: float) -> float:
+    """Squares that a steady sinusoid leaves, but for those of the signals."""
+    steady = _waves(len(signals), [frequency])[:, :2]
+    along = steady.T @ signals
+    return -float(np.sum(along * np.linalg.solve(steady.T @ steady, along)))
