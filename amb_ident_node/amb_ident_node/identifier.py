@@ -122,14 +122,14 @@ class IdentifierNode(Node):
         feedback: Callable[[action.Identify.Feedback], None],
         cancelled: Callable[[], bool],
     ) -> action.Identify.Result:
-        def tell(progress: IdentificationProgress) -> None:
+        def publish(progress: IdentificationProgress) -> None:
             cost = math.nan if progress.cost is None else progress.cost
             feedback(
                 action.Identify.Feedback(stage=progress.stage, done=progress.done, total=progress.total, cost=cost)
             )
 
         result = action.Identify.Result()
-        self._identify(goal, result, tell, lambda: cancelled() or self._ending.is_set())
+        self._identify(goal, result, publish, lambda: cancelled() or self._ending.is_set())
         return result
 
     def _on_get_model(self, _: srv.GetModel.Request, response: srv.GetModel.Response) -> srv.GetModel.Response:
@@ -149,16 +149,18 @@ class IdentifierNode(Node):
             raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
         self._sources.check(request)
         loop, remark = self._sources.loop(request, with_plant=True)
-        found = validate(model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant, search=search)
+        validation = validate(
+            model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant, search=search
+        )
         response.success = True
-        response.message = found.summary + remark
-        response.report = found.report()
-        response.verdict, response.validated = found.verdict.code, found.validated
-        response.fit = found.fit.tolist()
-        response.one_step_fit = found.one_step_fit.tolist()
-        response.white = found.white
-        response.independent = found.independent
-        response.closed_loop_stable = bool(found.closed_loop_stable)
+        response.message = validation.summary + remark
+        response.report = validation.report()
+        response.verdict, response.validated = validation.verdict.code, validation.validated
+        response.fit = validation.fit.tolist()
+        response.one_step_fit = validation.one_step_fit.tolist()
+        response.white = validation.white
+        response.independent = validation.independent
+        response.closed_loop_stable = bool(validation.closed_loop_stable)
         response.unstable_poles = len(model.unstable_poles())
         return response
 
@@ -174,9 +176,9 @@ class IdentifierNode(Node):
     ) -> None:
         """Identify according to a request of the service or the action, and fill in its response or result."""
 
-        def tell(told: IdentificationProgress) -> None:
-            self._stage = f"{told.stage}, {told.done} of {told.total}"
-            progress(told)
+        def note(state: IdentificationProgress) -> None:
+            self._stage = f"{state.stage}, {state.done} of {state.total}"
+            progress(state)
 
         self._check_request(request)
         loop, remark = self._sources.loop(request)
@@ -187,7 +189,7 @@ class IdentifierNode(Node):
                 loop.controller,
                 focus=request.focus or DEFAULT_FOCUS,
                 drift=self._settings.drift,
-                progress=tell,
+                progress=note,
                 cancelled=ended,
             )
         finally:

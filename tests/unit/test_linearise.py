@@ -187,10 +187,10 @@ def test_modes_of_the_loop_are_those_fitted_to_its_step_response(paper):
     excitation[:, 0] = 0.2e-6
     plant = Plant(PlantParameters(amplifier=AVERAGED))
     record = simulate(plant, PdController(ControllerParameters()), 4_000, excitation, 2_000)
-    found = fit_step_response(record.position[2_000:, 0], record.sample_time)
+    fitted = fit_step_response(record.position[2_000:, 0], record.sample_time)
     mode = paper.rigid_mode("x")
-    assert mode.natural_hz == pytest.approx(found.natural_hz, rel=5e-3)
-    assert mode.damping_ratio == pytest.approx(found.damping_ratio, rel=1e-2)
+    assert mode.natural_hz == pytest.approx(fitted.natural_hz, rel=5e-3)
+    assert mode.damping_ratio == pytest.approx(fitted.damping_ratio, rel=1e-2)
     assert mode.natural_hz == pytest.approx(63.0, abs=1.0)
 
 

@@ -49,12 +49,12 @@ def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
     import psutil  # only a bridge needs it
 
     first = PORT_BASE + DOMAIN_GAIN * domain
-    found = []
+    addresses = []
     for socket in psutil.Process(pid).net_connections("inet"):
         host, port = socket.laddr
         listens = socket.status == psutil.CONN_LISTEN
         receives = socket.type == SOCK_DGRAM and first <= port < first + DOMAIN_GAIN
         address = ip_address(host)
         if (listens or receives) and not (address.is_loopback or address.is_multicast):
-            found.append(f"{host}:{port}")
-    return sorted(found)
+            addresses.append(f"{host}:{port}")
+    return sorted(addresses)

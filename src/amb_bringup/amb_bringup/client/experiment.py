@@ -183,15 +183,15 @@ class RigStand(Stand):
 
 def running_stand(amb: LoopCalls, progress: Progress, patience: float | None = None) -> Stand:
     """The stand of the graph that a client is in; ClientError if none runs."""
-    found: list[str] = []
+    nodes: list[str] = []
 
     def look() -> bool:
         names = amb.node.get_node_names()
-        found[:] = [name for name in (BRIDGE_NODE, SIMULATOR) if name in names]
-        return bool(found)
+        nodes[:] = [name for name in (BRIDGE_NODE, SIMULATOR) if name in names]
+        return bool(nodes)
 
     amb.wait_until(look, patience, f"no graph runs: neither {SIMULATOR} nor {BRIDGE_NODE} appeared; amb up starts one")
-    return RigStand(amb, progress) if found[0] == BRIDGE_NODE else SimulatorStand(amb, progress)
+    return RigStand(amb, progress) if nodes[0] == BRIDGE_NODE else SimulatorStand(amb, progress)
 
 
 def graph_runs(amb: LoopCalls) -> bool:

@@ -160,10 +160,10 @@ def _load_on_a_map(
     )
     rate = plant.machine.sample_rate
     loads = [highest_load(generate(item, rate, plant.machine), region_map, controller) for item in excitations]
-    for excitation, found in zip(excitations, loads, strict=True):
-        if found.load >= 1.0:
-            raise ExcitationError(f"the {excitation.kind} may leave region A on {found.axis}: load {found.load:.2f}")
-    return max(found.load for found in loads)
+    for excitation, load in zip(excitations, loads, strict=True):
+        if load.load >= 1.0:
+            raise ExcitationError(f"the {excitation.kind} may leave region A on {load.axis}: load {load.load:.2f}")
+    return max(load.load for load in loads)
 
 
 def _unhurried(parameter_file: Path, folder: Path) -> Path:

@@ -110,8 +110,8 @@ class Campbell:
     @property
     def critical_speeds(self) -> tuple[CriticalSpeed, ...]:
         """Where branches of the loop cross the running speed, interpolated between the computed speeds; ascending."""
-        found = [critical for branch in self.branches for critical in _crossings(branch)]
-        return tuple(sorted(found, key=lambda critical: critical.speed))
+        crossings = [critical for branch in self.branches for critical in _crossings(branch)]
+        return tuple(sorted(crossings, key=lambda critical: critical.speed))
 
     def to_json(self) -> dict[str, Any]:
         """Critical speeds, and the modes of plant and loop at every speed."""
@@ -223,7 +223,7 @@ def _closest(ends: list[Mode], modes: tuple[Mode, ...]) -> list[tuple[int, int]]
 
 def _crossings(branch: Branch) -> list[CriticalSpeed]:
     above = branch.damped_hz - branch.speed
-    found = []
+    crossings = []
     for left in np.flatnonzero((above[:-1] > 0.0) != (above[1:] > 0.0)):
         share = above[left] / (above[left] - above[left + 1])
         near = branch.modes[left + round(float(share))]
@@ -231,5 +231,5 @@ def _crossings(branch: Branch) -> list[CriticalSpeed]:
             float(values[left] + share * (values[left + 1] - values[left]))
             for values in (branch.speed, np.array([mode.damping_ratio for mode in branch.modes]))
         )
-        found.append(CriticalSpeed(speed, near.kind, near.whirl, damping))
-    return found
+        crossings.append(CriticalSpeed(speed, near.kind, near.whirl, damping))
+    return crossings

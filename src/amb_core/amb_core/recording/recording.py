@@ -117,9 +117,9 @@ class Recording:
         Recording
             A recording with at least these steps, if the bag has them.
         """
-        found = cls(BagContent(Path(path), (run, first_step, stop)))
-        covered = any(start <= first_step and stop <= end for start, end in found.spans(run))
-        return found if covered else cls.read(path)
+        stretch = cls(BagContent(Path(path), (run, first_step, stop)))
+        covered = any(start <= first_step and stop <= end for start, end in stretch.spans(run))
+        return stretch if covered else cls.read(path)
 
     @property
     def content(self) -> BagContent:

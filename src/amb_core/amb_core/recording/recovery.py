@@ -102,9 +102,9 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
         damage += scan.damage
         report.finished(scan)
     damage += _contradictions(path, counts.total())
-    found = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
-    runs = _audited(files) if any(topic.type == LOOP_SAMPLES for topic in found) else {}
-    return BagState(path, files, list(topics.values()), found, runs, damage)
+    described = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
+    runs = _audited(files) if any(topic.type == LOOP_SAMPLES for topic in described) else {}
+    return BagState(path, files, list(topics.values()), described, runs, damage)
 
 
 def recover_bag(state: BagState, out: str | Path, progress: Progress | None = None) -> Path:

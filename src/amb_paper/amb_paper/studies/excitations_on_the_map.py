@@ -36,13 +36,15 @@ class ExcitationsOnTheMap(Study):
 
     def run_at(self, workplace: Workplace) -> StudyResult:
         """Check both on the map, simulate both, and each again with another amplitude."""
-        found = paper_map(workplace)
+        region_map = paper_map(workplace)
         bench = TrialBench(PlantParameters(), ControllerParameters())
         signals = {kind: generate(kind, RATE) for kind in (NOISE, WEAK_NOISE, PULSES, LARGE_PULSES)}
-        checks = {kind: check_excitation(signals[kind], found) for kind in (NOISE, PULSES)}
+        checks = {kind: check_excitation(signals[kind], region_map) for kind in (NOISE, PULSES)}
         trials = {kind: bench.run(signal) for kind, signal in signals.items()}
-        noise_map = overlay_chart(checks[NOISE], found, f"White noise of {_amplitude(NOISE)} rms on the graph")
-        pulse_map = overlay_chart(checks[PULSES], found, f"Rectangular pulses of {_amplitude(PULSES)} on the graph")
+        noise_map = overlay_chart(checks[NOISE], region_map, f"White noise of {_amplitude(NOISE)} rms on the graph")
+        pulse_map = overlay_chart(
+            checks[PULSES], region_map, f"Rectangular pulses of {_amplitude(PULSES)} on the graph"
+        )
         tried = trial_chart(
             {
                 f"white noise, {_amplitude(NOISE)} rms": trials[NOISE],
@@ -72,7 +74,7 @@ class ExcitationsOnTheMap(Study):
             [
                 "A point on the graph is a sine of the same power: for white noise, each third of an octave; for the "
                 "pulses, each harmonic. The effect of a signal follows from all of its points together, since the "
-                "squares of their control currents add up. " + _continued(checks[NOISE], found)
+                "squares of their control currents add up. " + _continued(checks[NOISE], region_map)
             ],
         )
 
@@ -159,10 +161,10 @@ def _amplitude(excitation: WhiteNoise | Square) -> str:
     return f"{UM * excitation.amplitude:g} µm"
 
 
-def _continued(check: ExcitationCheck, found: RegionMap) -> str:
+def _continued(check: ExcitationCheck, region_map: RegionMap) -> str:
     """The frequency above which points lie beyond region A although the graph does not cover them."""
     axis = check.axes[-1]
-    beyond = axis.frequency[(axis.region > Region.A) & (axis.amplitude < found.amplitudes[0])]
+    beyond = axis.frequency[(axis.region > Region.A) & (axis.amplitude < region_map.amplitudes[0])]
     if not len(beyond):
         return ""
     return (

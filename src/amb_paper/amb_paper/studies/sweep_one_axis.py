@@ -89,12 +89,14 @@ class OneAxisSweep(Study):
         }
         figures, fits, poles = [], {}, {}
         for figure, bearing in bearings.items():
-            found = identify_bearing(bearing)
-            model = model_response(found, bearing)
+            identification = identify_bearing(bearing)
+            model = model_response(identification, bearing)
             fits[figure] = region_a_fit(bearing, model)
-            poles[figure] = dominant_pole(found, bearing.controller.sample_rate)
+            poles[figure] = dominant_pole(identification, bearing.controller.sample_rate)
             title = f"One axis, sweep of {1e6 * AMPLITUDE:g} µm: {NAMES[figure]}"
-            chart = sweep_chart(bearing.record, bearing.found, bearing.frequency, model=model, axes=("y",), title=title)
+            chart = sweep_chart(
+                bearing.record, bearing.classification, bearing.frequency, model=model, axes=("y",), title=title
+            )
             figures.append(DrawnFigure.of(figure, chart))
         comparisons = {
             "fig2-top-coil-amplitudes": sweep_comparison_chart(
@@ -174,11 +176,11 @@ def identify_bearing(bearing: SweptBearing) -> Identification:
     return identify(both, ORDER, "pem", bearing.controller)
 
 
-def model_response(found: Identification, bearing: SweptBearing) -> LoopRecord:
+def model_response(identification: Identification, bearing: SweptBearing) -> LoopRecord:
     """The model in the loop without limits under the reference of the sweep, which acts on the second copy, y."""
     unlimited = bearing.controller.model_copy(update={"current_limit": NO_LIMIT})
     rest = int(np.argmax(np.isfinite(bearing.frequency)))
-    return simulate_closed_loop(found.model, unlimited, bearing.record.reference[rest:], rest)
+    return simulate_closed_loop(identification.model, unlimited, bearing.record.reference[rest:], rest)
 
 
 def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float]:
@@ -196,10 +198,10 @@ def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float
     return parts[0], parts[1]
 
 
-def dominant_pole(found: Identification, sample_rate: float) -> Pole:
+def dominant_pole(identification: Identification, sample_rate: float) -> Pole:
     """The slowest oscillating pole pair of the model's loop, of the second copy."""
-    assert found.closed_loop_poles is not None  # the data are of the bearing's loop
-    swinging = found.closed_loop_poles[found.closed_loop_poles.imag > 0.0]
+    assert identification.closed_loop_poles is not None  # the data are of the bearing's loop
+    swinging = identification.closed_loop_poles[identification.closed_loop_poles.imag > 0.0]
     rates = np.log(swinging) * sample_rate / (2.0 * np.pi)
     slowest = rates[np.argmin(np.abs(rates))]
     return Pole(float(np.abs(slowest)), float(slowest.imag))

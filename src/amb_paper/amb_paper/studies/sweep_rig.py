@@ -69,11 +69,11 @@ class RigSweep(Study):
         flexible, bending = _sweep_flexible()
         charts = {
             "fig5": sweep_chart(
-                rigid.record, rigid.found, rigid.frequency, over="frequency", axes="y",
+                rigid.record, rigid.classification, rigid.frequency, over="frequency", axes="y",
                 title=f"100 µm sweep of the rigid rotor, {SURVIVING}",
             ),
             "fig5-flexible": sweep_chart(
-                flexible.record, flexible.found, flexible.frequency, over="frequency", axes="y",
+                flexible.record, flexible.classification, flexible.frequency, over="frequency", axes="y",
                 title=f"100 µm sweep of a flexible rotor, {SURVIVING}",
             ),
             "fig5-options": sweep_comparison_chart(
@@ -84,7 +84,7 @@ class RigSweep(Study):
         ends = {name: _end(swept) for name, swept in tried.items()}
         of_survivor = [
             judge_drift(bias(rigid), Region.B in rigid.onsets),
-            judge_slow(*slow_component(rigid), told=Region.C in rigid.onsets),
+            judge_slow(*slow_component(rigid), reported=Region.C in rigid.onsets),
             judge_resonances(
                 float(np.max(np.abs(rigid.record.position[:, 1] - np.median(rigid.record.position[:, 1])))),
                 {frequency: resonance(flexible, frequency) for frequency in bending},
@@ -187,7 +187,7 @@ def judge_survival(ends: Mapping[str, float | None]) -> Claim:
     )
 
 
-def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
+def judge_drift(means: NDArray[np.float64], reported: bool) -> Claim:
     """Whether the bias (m) drifts above the resonance, and the classifier reports region B for it."""
     span = float(np.ptp(means)) if len(means) else 0.0
     drifts = span >= DRIFT
@@ -197,18 +197,18 @@ def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
         statement="During the sweep the level about which the rotor moves drifts (region B).",
         finding=f"Above {SETTLED:g} Hz the mean of y moves by {UM * span:.1f} µm"
         + (f", between {UM * means.min():.1f} and {UM * means.max():.1f} µm" if len(means) else "")
-        + (". The classifier reports region B." if told else ". The classifier does not report region B."),
-        verdict="agrees" if drifts and told else "agrees in part" if drifts else "does not agree",
+        + (". The classifier reports region B." if reported else ". The classifier does not report region B."),
+        verdict="agrees" if drifts and reported else "agrees in part" if drifts else "does not agree",
         reason=f"It moves by less than the threshold of the classifier, {UM * DRIFT:g} µm."
         if not drifts
         else ""
-        if told
+        if reported
         else "It is slow: the classifier requires the bias to move by its threshold within the span of its test.",
         figure="fig5",
     )
 
 
-def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
+def judge_slow(amplitude: float, frequency: float, *, reported: bool) -> Claim:
     """Whether y moves slowly (m) while the input is fast (Hz), and the classifier reports region C for it."""
     there = amplitude >= SLOW
     return Claim(
@@ -219,10 +219,10 @@ def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
         f"with an input of {frequency:.0f} Hz."
         if there
         else "Nothing above the threshold of the classifier.",
-        verdict="agrees" if there and told else "agrees in part" if there else "does not agree",
+        verdict="agrees" if there and reported else "agrees in part" if there else "does not agree",
         reason="Slow motion comes in bursts where a harmonic of the input folds to a low frequency at the sample rate. "
         "The classifier separates this beating of a sampled loop from an oscillation of the loop itself, region C."
-        if there and not told
+        if there and not reported
         else ""
         if there
         else "Above its resonance the rotor hardly moves.",

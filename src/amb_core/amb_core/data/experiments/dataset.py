@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.data.experiments.experiment import Experiment, line
-from amb_core.data.experiments.gap import Gap
+from amb_core.data.experiments.gap import DataGap
 from amb_core.ground.errors import IdentificationError
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
@@ -164,11 +164,11 @@ class IdentificationData:
         return self._mean_trend("output")
 
     @property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[DataGap]:
         """The gaps between experiments of one source, in order."""
         ordered = sorted(self.experiments, key=lambda experiment: (experiment.source, experiment.first_step))
         return [
-            Gap(before.source, before.stop, after.first_step)
+            DataGap(before.source, before.stop, after.first_step)
             for before, after in itertools.pairwise(ordered)
             if before.source == after.source and before.stop < after.first_step
         ]
@@ -389,9 +389,9 @@ class IdentificationData:
             if len(units) != len(names):
                 raise IdentificationError(f"{len(names)} {kind}s need as many units, not {len(units)}")
             for index, item in enumerate(self.experiments):
-                found = getattr(item, f"{kind}s").shape[1]
-                if found != len(names):
-                    raise IdentificationError(f"experiment {index} has {found} {kind}s; {len(names)} are named")
+                columns = getattr(item, f"{kind}s").shape[1]
+                if columns != len(names):
+                    raise IdentificationError(f"experiment {index} has {columns} {kind}s; {len(names)} are named")
 
 
 def _columns(values: ArrayLike) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Gap:
+class DataGap:
     """Samples that are missing between two experiments of one source, from `first_step` up to, not including, `stop`.
 
     Attributes

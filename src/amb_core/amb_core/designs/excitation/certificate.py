@@ -35,7 +35,7 @@ _REST = 0.5  # s, before the excitation; rotors settle within a tenth of a secon
 
 
 @dataclass(frozen=True)
-class Certificate:
+class ExcitationCertificate:
     """What simulations of an excitation showed.
 
     Attributes
@@ -130,7 +130,7 @@ class Bench:
         """How much of its limit the nonlinear distortion uses; for multisines."""
         return self._use_of(self._distortion(amplitude))
 
-    def certify(self, amplitude: float) -> Certificate:
+    def certify(self, amplitude: float) -> ExcitationCertificate:
         """Simulate all seeds, and measure the distortion of multisines."""
         trials = [self._run(amplitude, seed) for seed in sorted(self._seeds)]
         uses = [self._use(amplitude, trial) for trial in trials]
@@ -138,7 +138,7 @@ class Bench:
         if self.measures_distortion:
             uses.append(self._use_of(distortion))
         worst = max(uses, key=lambda use: use.share)
-        return Certificate(amplitude, tuple(trials), distortion, worst)
+        return ExcitationCertificate(amplitude, tuple(trials), distortion, worst)
 
     def require_order(
         self, signal: ExcitationSignal, model_order: int | None, trial: Trial | None = None
@@ -158,13 +158,13 @@ class Bench:
         axes = ["xy".index(axis) for axis in self._axes]
         response = self.linear.respond(signal.samples) if trial is None else trial.record
         last = slice(-signal.steps, None)
-        found = excited_order(
+        excited = excited_order(
             response.current[last][:, axes], response.position[last][:, axes], signal.sample_time, model_order
         )
         noisy = self._plant.sensor.noise > 0.0
-        if found.order < (model_order or 1) and not (trial is None and noisy):
-            raise ExcitationError(_not_persistent(signal, found, model_order))
-        return found
+        if excited.order < (model_order or 1) and not (trial is None and noisy):
+            raise ExcitationError(_not_persistent(signal, excited, model_order))
+        return excited
 
     def _use_of(self, distortion: Distortion | None) -> Use:
         if distortion is None:
@@ -204,9 +204,9 @@ class Bench:
             return None
 
 
-def _not_persistent(signal: ExcitationSignal, found: ExcitedOrder, model_order: int | None) -> str:
+def _not_persistent(signal: ExcitationSignal, excited: ExcitedOrder, model_order: int | None) -> str:
     wanted = "any model" if model_order is None else f"a model with {model_order} states"
     return (
-        f"{signal.kind}: identification would accept models of {found.order} states at most from its recording, not "
+        f"{signal.kind}: identification would accept models of {excited.order} states at most from its recording, not "
         f"{wanted}; widen the band, lengthen the duration, or set sensor.noise to what the sensors of the rig have"
     )

@@ -147,8 +147,8 @@ class TrialBench:
                 f"the rotor delevitates {record.steps * signal.sample_time:.2g} s after its release, before any "
                 "excitation: the controller does not hold it, so no amplitude is small enough; change the controller"
             )
-        found = classify(record, self.regions, delevitated=self._plant.delevitated)
-        classified = max(found.onsets, default=Region.A)
+        classification = classify(record, self.regions, delevitated=self._plant.delevitated)
+        classified = max(classification.onsets, default=Region.A)
         linear = self.linear.respond(signal.samples)
         shift = self._bias_shift(record, signal, rest, linear)
         moved = bool(np.any(np.abs(shift) >= self.regions.drift_threshold))
@@ -157,7 +157,7 @@ class TrialBench:
         if record.steps == steps:
             axes = [axis for axis, _, _ in spans]
             measures = measure_trial(record, rest, axes, linear, self.current_limit, self._slew_rate)
-        return Trial(region, classified, found.onsets, shift, record, measures)
+        return Trial(region, classified, classification.onsets, shift, record, measures)
 
     def _bias_shift(
         self, record: LoopRecord, signal: ExcitationSignal, rest: int, linear: LinearResponse

@@ -29,7 +29,7 @@ _REPORTED = 100  # blocks between two calls
 
 
 @dataclass
-class _Found:
+class _RunSurvey:
     """What the first reading found of a run."""
 
     axes: tuple[str, ...]
@@ -87,9 +87,9 @@ class RunTelemetry:
         if run is not None and run not in runs:
             raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, runs))}")
         self.run = next(reversed(runs)) if run is None else run
-        found = runs[self.run]
-        self.axes, self.sample_time = found.axes, found.sample_time
-        self.spans = self._within(found.coverage.spans, start, end)
+        survey = runs[self.run]
+        self.axes, self.sample_time = survey.axes, survey.sample_time
+        self.spans = self._within(survey.coverage.spans, start, end)
 
     @property
     def steps(self) -> int:
@@ -165,15 +165,15 @@ class RunTelemetry:
             self._definitions[message_type] = (encoding, text)
         return self._definitions[message_type]
 
-    def _survey(self) -> dict[int, _Found]:
+    def _survey(self) -> dict[int, _RunSurvey]:
         """What there is of each run, the run recorded last at the end."""
         self._reader = BagApart(self.path)
         self._definitions: dict[str, tuple[str, str]] = {}
-        found = self._reader.call("survey", [])
-        self.damage = found["damage"]
-        telemetry = {topic for topic, kind, _ in found["counts"] if kind == LOOP_SAMPLES}
-        others = {topic for topic, _, _ in found["counts"]} - telemetry
-        runs: dict[int, _Found] = {}
+        content = self._reader.call("survey", [])
+        self.damage = content["damage"]
+        telemetry = {topic for topic, kind, _ in content["counts"] if kind == LOOP_SAMPLES}
+        others = {topic for topic, _, _ in content["counts"]} - telemetry
+        runs: dict[int, _RunSurvey] = {}
         for number, message in enumerate(BagApart(self.path).messages(types=[LOOP_SAMPLES])):
             if number % _REPORTED == 0:
                 self._progress("reading", 0, None)
@@ -187,18 +187,18 @@ class RunTelemetry:
             )
         return runs
 
-    def _note(self, runs: dict[int, _Found], run: int, block: LoopRecord) -> None:
+    def _note(self, runs: dict[int, _RunSurvey], run: int, block: LoopRecord) -> None:
         if not block.steps:
             return
-        found = runs.pop(run, None) or _Found(block.axes, block.sample_time)
-        runs[run] = found  # now the last one
-        if (block.axes, block.sample_time) != (found.axes, found.sample_time):
+        known = runs.pop(run, None) or _RunSurvey(block.axes, block.sample_time)
+        runs[run] = known  # now the last one
+        if (block.axes, block.sample_time) != (known.axes, known.sample_time):
             raise BagError(
                 f"bag {self.path}, run {run}: axes or sample time change at step {block.first_step}, from "
-                f"{', '.join(found.axes)} at {found.sample_time:g} s to {', '.join(block.axes)} at "
+                f"{', '.join(known.axes)} at {known.sample_time:g} s to {', '.join(block.axes)} at "
                 f"{block.sample_time:g} s"
             )
-        found.coverage.add(block.first_step, block.steps)
+        known.coverage.add(block.first_step, block.steps)
 
     def _decoded(self, message: ReadMessage) -> tuple[int, LoopRecord]:
         try:

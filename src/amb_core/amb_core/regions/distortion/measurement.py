@@ -294,5 +294,5 @@ def _amplitudes(signal: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def _root(power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Square root; zero where less was found than the noise lets expect."""
+    """Square root; zero where there is less power than the noise alone has."""
     return np.sqrt(np.maximum(power, 0.0))

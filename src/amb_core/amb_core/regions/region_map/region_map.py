@@ -149,10 +149,10 @@ class RegionMap:
         frequency, amplitude = np.broadcast_arrays(
             np.asarray(frequency, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
         )
-        found = np.full(frequency.shape, int(Region.A))
+        regions = np.full(frequency.shape, int(Region.A))
         for region in BOUNDARIES:
-            found[frequency >= self.boundary(region, amplitude, side)] = int(region)
-        return found
+            regions[frequency >= self.boundary(region, amplitude, side)] = int(region)
+        return regions
 
     def linear_limit(self, frequency: ArrayLike, side: Side = "sweep") -> NDArray[np.float64]:
         """Largest amplitude (m) up to which every smaller one runs in region A at a frequency (Hz).

@@ -190,8 +190,8 @@ def _content(
     amplitude = np.abs(transform)
     resolution = 1.0 / (len(window) * sample_time)
     lines = tuple(
-        Line(place * blocks * resolution, complex(transform[place * blocks]), found)
-        for place, found in products.items()
+        Line(place * blocks * resolution, complex(transform[place * blocks]), candidates)
+        for place, candidates in products.items()
         if place > 0
     )
     power = 0.5 * amplitude**2

@@ -136,7 +136,7 @@ def certify_request(
     name = request.named["controller"]
     inputs[f"controller {Path(name).name or 'of the experiment'}"] = sha256_of_controller(law)
     used, judged, swept = (loops.get(role) for role in ROLES)
-    found = certify_from_data(
+    certificate = certify_from_data(
         model, law, used, judged, settings=request.settings, inputs=inputs, swept=swept, progress=progress
     )
     trace = Trace(
@@ -146,7 +146,7 @@ def certify_request(
         {"order": model.order, "method": model.method, "source": model.source, "sha256": sha256_of_model(model)},
         traces,
     )
-    return replace(found, trace=trace)
+    return replace(certificate, trace=trace)
 
 
 def require_request(request: Request) -> None:

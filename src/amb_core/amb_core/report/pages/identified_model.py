@@ -63,7 +63,7 @@ def identified_model(
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
-    tell: Callable[[str], None],
+    report_stage: Callable[[str], None],
     entries: str = "",
     certified: bool = False,
 ) -> IdentifiedModel:
@@ -78,14 +78,14 @@ def identified_model(
     if controller is None and needs_controller(data):
         raise IdentificationError(f"the bag lacks the controller's parameters; name it with --controller: {ALLOWED}")
     drawn = entries_from(entries, data.input_names, data.output_names)
-    tell("identifying")
+    report_stage("identifying")
     result = identify(data, order, controller=controller)
-    tell("validating")
+    report_stage("validating")
     validation = result.validated(recording.plant_parameters())
     sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
     if not certified:
         return IdentifiedModel(result, validation, sections)
-    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), tell)
+    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), report_stage)
     return IdentifiedModel(
         result, validation, [*sections, robustness_section(certificate)], robustness_badge(certificate)
     )

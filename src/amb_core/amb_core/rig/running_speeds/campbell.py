@@ -111,8 +111,8 @@ class IdentifiedCampbell:
     @property
     def worst_percent(self) -> float | None:
         """Largest magnitude of the relative error of a paired frequency at all speeds (percent)."""
-        found = [result.worst_percent for result in self.results if result.worst_percent is not None]
-        return max(found, default=None)
+        worst = [result.worst_percent for result in self.results if result.worst_percent is not None]
+        return max(worst, default=None)
 
     def to_json(self) -> dict[str, Any]:
         """Results of all speeds, and the computed critical speeds.
@@ -195,12 +195,12 @@ def identify_over_speeds(
         raise PlantError(f"running speeds {speed} Hz are not allowed; needed: at least one, ascending")
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     settings = settings or SpeedSettings()
-    found: dict[float, StateSpaceModel | TaskError] = {}
+    models: dict[float, StateSpaceModel | TaskError] = {}
     report = progress or (lambda done, total: None)
 
     def take(value: float, result: StateSpaceModel | TaskError, kept: bool) -> list[Request[StateSpaceModel]]:
-        found[value] = result
-        report(len(found), len(speed))
+        models[value] = result
+        report(len(models), len(speed))
         return []
 
     report(0, len(speed))
@@ -215,10 +215,10 @@ def identify_over_speeds(
         cancelled=cancelled,
         meanwhile=lambda: computed.append(campbell(plant, controller, curve)),
     )
-    if len(found) < len(speed):
+    if len(models) < len(speed):
         return None
     at_speed = dict(zip(curve, computed[0].closed_loop, strict=True))
-    results = tuple(_result(value, found[value], controller, at_speed[value]) for value in speed)
+    results = tuple(_result(value, models[value], controller, at_speed[value]) for value in speed)
     if all(result.model is None for result in results):
         raise PlantError(f"no running speed gives a model; at {results[0].rpm:.0f} rpm: {results[0].problem}")
     return IdentifiedCampbell(computed[0], results)
@@ -229,12 +229,12 @@ def _at(plant: PlantParameters, speed: float) -> PlantParameters:
 
 
 def _result(
-    speed: float, found: StateSpaceModel | TaskError, controller: ControllerParameters, computed: Modes
+    speed: float, model: StateSpaceModel | TaskError, controller: ControllerParameters, computed: Modes
 ) -> SpeedResult:
-    if isinstance(found, TaskError):
-        return SpeedResult(speed, problem=str(found))
-    modes = closed_loop_modes(found, controller)
-    return SpeedResult(speed, found, modes, pair_modes(modes, computed))
+    if isinstance(model, TaskError):
+        return SpeedResult(speed, problem=str(model))
+    modes = closed_loop_modes(model, controller)
+    return SpeedResult(speed, model, modes, pair_modes(modes, computed))
 
 
 def _frequency(mode: Mode) -> dict[str, Any]:

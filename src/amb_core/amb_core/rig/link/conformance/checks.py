@@ -78,13 +78,13 @@ def check_target(target: Exchange) -> list[Complaint]:
         return [Complaint("reply", str(problem))]
     if state not in (TargetState.OFF, TargetState.TRIPPED):
         raise TargetError(f"the target is {state.name.lower()}; it is checked with the rotor at rest")
-    found = []
+    complaints = []
     for name, check in CHECKS.items():
         try:
-            found += [Complaint(name, text) for text in check(target)]
+            complaints += [Complaint(name, text) for text in check(target)]
         except TargetError as problem:
-            found.append(Complaint(name, str(problem)))
-    return found
+            complaints.append(Complaint(name, str(problem)))
+    return complaints
 
 
 def _code(target: Exchange, what: str, command: Command, *wanted: Code) -> Iterator[str]:
