@@ -90,7 +90,7 @@ def recover(
 
     console = Terminal()
     with Stages(console, "bytes") as stages:
-        state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))
+        state = inspect_bag(bag, stages.update)
     console.print(f"{bag}: {state.messages} messages", style="bold", highlight=False)
     console.print(_topics(state.topics))
     for (topic, run), audit in state.runs.items():
@@ -102,7 +102,7 @@ def recover(
         return
     with Stages(console, "bytes") as stages:
         target = out or bag.absolute().with_name(f"{bag.absolute().stem}_recovered")
-        made = recover_bag(state, target, lambda done, total: stages.update("copying", done, total))
+        made = recover_bag(state, target, stages.update)
     console.print(f"recovered bag: {made}", highlight=False, markup=False, soft_wrap=True)
 
 

@@ -71,7 +71,7 @@ def campbell(
             cache=cache,
             scheduler=scheduler,
             workers=workers,
-            progress=lambda done, total: stages.update("experiments", done, total),
+            progress=stages.update,
             cancelled=interrupt.asked,
         )
     if diagram is None:

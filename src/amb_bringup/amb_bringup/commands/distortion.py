@@ -72,9 +72,7 @@ def _simulate(
 ) -> None:
     make_folder(out)
     with Stages(console) as stages:
-        distortion = simulate_distortion(
-            plant, controller, settings, lambda done, total: stages.update("experiments", done, total)
-        )
+        distortion = simulate_distortion(plant, controller, settings, stages.update)
     console.print(_table(distortion))
     write_json(out / "summary.json", {"settings": settings.model_dump(), **distortion.as_dict()})
     distortion_chart(distortion).save(out, "distortion")

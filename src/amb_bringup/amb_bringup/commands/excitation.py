@@ -32,6 +32,7 @@ from amb_core.designs.excitation.summary import check_summary, design_summary, t
 from amb_core.excitation import KINDS, excitation_from_request, generate
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import part_of
+from amb_core.ground.progress import as_stage
 from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -83,7 +84,7 @@ def check(
     if simulate:
         with Stages(console, "steps") as stages:
             bench = TrialBench(loop[1], loop[0], loop[2])
-            trial = bench.run(signal, lambda done, total: stages.update("simulated", done, total))
+            trial = bench.run(signal, as_stage("simulated", stages.update))
         use = use_of_trial(trial, Limits(), bench.regions.drift_threshold)
         beyond = use.what if use.share > 1.0 else None
         summary["trial"] = trial_summary(trial) | {"beyond_limits": beyond}

@@ -77,7 +77,7 @@ def campbell(
             plant_parameters,
             controller,
             np.linspace(0.0, max_speed / RPM, speeds),
-            lambda done, total: stages.update("modes", done, total),
+            stages.update,
         )
     write_json(out / "campbell.json", diagram.to_json())
     image, page = campbell_chart(diagram).save(out, "campbell")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +18,7 @@ from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_core.ground.errors import ParameterError, SpectrumError
 from amb_core.ground.parameters import part_of
+from amb_core.ground.progress import as_stage
 from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -163,7 +163,7 @@ def _surfaces(
             settings,
             grid.model_copy(update={"shifted": shifted}),
             **cluster,
-            progress=partial(stages.update, name),
+            progress=as_stage(name, stages.update),
         )
     return surfaces
 

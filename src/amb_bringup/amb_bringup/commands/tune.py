@@ -43,7 +43,7 @@ def chart(
     make_folder(out)
     console = Terminal()
     with Stages(console, "rows") as stages:
-        stability = stability_chart(plant, controller, points, lambda done, total: stages.update("chart", done, total))
+        stability = stability_chart(plant, controller, points, stages.update)
     known = np.isfinite(stability.chosen_peak)
     console.print(
         f"K_P = {stability.chosen[0]:.4g} A/m, K_D = {stability.chosen[1]:.4g} A s/m: "

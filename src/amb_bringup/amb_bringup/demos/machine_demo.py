@@ -12,9 +12,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, Progress
+from amb_bringup.client.experiment import SETTLING_STEPS, Experiment
 from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph, samples_of
 from amb_core.excitation import Multisine
+from amb_core.ground.progress import Progress, as_stage
 from amb_core.identification import response_of, simulate_closed_loop
 from amb_core.identification.modes import closed_loop_modes
 from amb_core.identification.response_error import response_error
@@ -78,7 +79,7 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
         done.steps,
         signal,
         SETTLING_STEPS,
-        lambda step: progress("without ROS", step, done.steps),
+        as_stage("without ROS", progress),
     )
     progress("comparison", 0, 1)
     computed = linearize(plant, controller)

@@ -59,7 +59,7 @@ class Subharmonics(Study):
             cache=workplace.cache,
             scheduler=workplace.scheduler,
             workers=workplace.workers,
-            progress=lambda done, total: workplace.report(f"tone {done} of {total}"),
+            progress=lambda _stage, done, total: workplace.report(f"tone {done} of {total}"),
         )
         spectra = {
             f"third tone of {UM * settings.inducing_amplitude:g} µm at {settings.inducing_frequency:g} Hz": three,

@@ -23,13 +23,11 @@ from amb_core.designs.excitation.spans import spans_on_one_bearing
 from amb_core.designs.excitation.trial import Trial, TrialBench
 from amb_core.excitation import ExcitationSignal, Multisine
 from amb_core.ground.errors import ExcitationError, SpectrumError
+from amb_core.ground.progress import Progress, as_stage
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.distortion import Distortion, simulate_distortion
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is simulated, and the numbers of finished and of all steps."""
 
 _REST = 0.5  # s, before the excitation; rotors settle within a tenth of a second or two
 
@@ -75,7 +73,7 @@ class Bench:
     signal_of : callable
         The signal of an amplitude (m) and a number that is added to its seed.
     progress : callable or None
-        See `Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Attributes
     ----------
@@ -177,17 +175,15 @@ class Bench:
         return use
 
     def _run(self, amplitude: float, seed: int) -> Trial:
-        progress = self._progress
         name = f"{1e6 * amplitude:.4g} um" + (
             f", seed {seed + 1} of {len(self._seeds)}" if len(self._seeds) > 1 else ""
         )
         return self._trials.run(
             self._signal_of(amplitude, seed),
-            None if progress is None else lambda done, total: progress(name, done, total),
+            as_stage(name, self._progress),
         )
 
     def _distortion(self, amplitude: float) -> Distortion | None:
-        progress = self._progress
         name = f"{1e6 * amplitude:.4g} um, distortion"
         settings = distortion_settings(self._signal_of(amplitude, 0), self._limits.seeds)
         if self._demanding is None:  # the same at every amplitude, as the loop is linear
@@ -197,7 +193,7 @@ class Bench:
                 self._plant,
                 self._controller,
                 settings,
-                None if progress is None else lambda done, total: progress(name, done, total),
+                as_stage(name, self._progress),
                 self._demanding,
             )
         except SpectrumError:  # the rotor delevitates

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from amb_core.designs.excitation.certificate import Bench, ExcitationCertificate, Progress
+from amb_core.designs.excitation.certificate import Bench, ExcitationCertificate
 from amb_core.designs.excitation.check import check_excitation
 from amb_core.designs.excitation.excited_order import ExcitedOrder
 from amb_core.designs.excitation.limits import Limits
@@ -20,6 +20,7 @@ from amb_core.excitation import ExcitationSignal, excitation_from_request, gener
 from amb_core.excitation.axes import ALL, BOTH
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.progress import Progress
 from amb_core.ground.results import Result
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters

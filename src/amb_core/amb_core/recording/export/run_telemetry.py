@@ -7,7 +7,7 @@ length of the recording: only blocks that were recorded before an earlier one wa
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,13 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.errors import BagError
+from amb_core.ground.progress import Progress, unseen
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
 from amb_core.recording.bag_reader import BagApart, ReadMessage
 from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
 
-Progress = Callable[[str, int, int | None], None]
-"""Called now and then with the name of a stage, the steps done and those in all (None: not known)."""
 BATCH = 1 << 14
 """Most steps of a batch; with five axes a batch takes 2 MiB."""
 _REPORTED = 100  # blocks between two calls
@@ -49,7 +48,7 @@ class RunTelemetry:
     start, end : float, optional
         Times of the run (s): samples from `start` up to, not including, `end`; by default all.
     progress : callable, optional
-        See `Progress`. None for no calls.
+        See `amb_core.ground.progress.Progress`. None for no calls.
 
     Attributes
     ----------
@@ -82,7 +81,7 @@ class RunTelemetry:
         progress: Progress | None = None,
     ) -> None:
         self.path = Path(path)
-        self._progress = progress or _unseen
+        self._progress = progress or unseen
         runs = self._survey()
         if run is not None and run not in runs:
             raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, runs))}")
@@ -271,7 +270,3 @@ def _joined(parts: list[LoopRecord]) -> LoopRecord:
         np.concatenate([getattr(part, name) for part in parts]) for name in ("reference", "position", "current")
     )
     return LoopRecord(parts[0].first_step, parts[0].sample_time, reference, position, current, parts[0].axes)
-
-
-def _unseen(stage: str, done: int, total: int | None) -> None:
-    """No progress is shown."""

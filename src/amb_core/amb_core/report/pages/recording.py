@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal
 
@@ -11,6 +10,7 @@ import numpy as np
 from amb_core.data.analysis.recorded_distortion import evidence_or_reason
 from amb_core.data.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.ground.errors import AmbError
+from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.units import UM
 from amb_core.loop.machine import radial_bearings
 from amb_core.loop.telemetry import describe_gaps
@@ -50,7 +50,7 @@ def recording_report(
     recording: Recording,
     run: int | None = None,
     order: int | Literal["auto"] = 10,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = unseen,
     controller: KnownController | None = None,
     entries: str = "",
     certified: bool = False,
@@ -69,7 +69,7 @@ def recording_report(
     order : int or "auto"
         Order of the model.
     progress : callable, optional
-        Called with what is being done.
+        Called with what is being done, see `amb_core.ground.progress.Progress`.
     controller : KnownController, optional
         The controller; by default the recorded one. Without either there is no model.
     entries : str, optional
@@ -88,15 +88,14 @@ def recording_report(
 
     if order != "auto":
         check_order(order)
-    report_stage = progress or (lambda _stage: None)
-    report_stage("classifying")
+    progress("classifying", 0, None)
     regions = classify_run(recording, run)
-    report_stage("measuring distortion")
+    progress("measuring distortion", 0, None)
     evidence = evidence_or_reason(recording, regions.run)
     sections = [_regions(regions), _distortion(evidence)]
-    report_stage("drawing")
+    progress("drawing", 0, None)
     sections.append(_motion(regions.record, _excited(recording, regions)))
-    identified, problem = _identified(recording, regions.run, order, controller, report_stage, entries, certified)
+    identified, problem = _identified(recording, regions.run, order, controller, progress, entries, certified)
     sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
         _title(recording, regions.run),
@@ -246,7 +245,7 @@ def _identified(
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
-    report_stage: Callable[[str], None],
+    progress: Progress,
     entries: str,
     certified: bool,
 ) -> tuple[IdentifiedModel | None, str]:
@@ -255,6 +254,6 @@ def _identified(
 
     try:
         controller = controller or recording.controller()
-        return identified_model(recording, run, order, controller, report_stage, entries, certified), ""
+        return identified_model(recording, run, order, controller, progress, entries, certified), ""
     except AmbError as problem:
         return None, str(problem)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from amb_core.ground.errors import AmbError
+from amb_core.ground.progress import Progress
 from amb_core.identification import Identification
 from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
@@ -23,7 +23,7 @@ def certificate_of_recording(
     validation: Validation,
     controller: KnownController | None,
     plant: PlantParameters | None,
-    report_stage: Callable[[str], None],
+    progress: Progress,
 ) -> Certificate | str:
     """The certificate of a model that was identified from a recording; or why there is none."""
     if controller is None:
@@ -32,7 +32,7 @@ def certificate_of_recording(
     try:
         return certify_from_data(
             result.model, law, Recorded(result.data, law, plant), validation=validation,
-            uncertainty=result.uncertainty, progress=report_stage,
+            uncertainty=result.uncertainty, progress=lambda stage: progress(stage, 0, None),
         )  # fmt: skip
     except AmbError as problem:
         return str(problem)

@@ -12,6 +12,7 @@ import numpy as np
 
 from amb_core.ground.errors import PlantError, TaskError
 from amb_core.ground.parameters import flatten, validate
+from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.results import plain
 from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.identification.modes import closed_loop_modes
@@ -150,7 +151,7 @@ def identify_over_speeds(
     cache: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> IdentifiedCampbell | None:
     """Simulate an experiment at each running speed, identify a model, and compare its modes with the computed ones.
@@ -172,7 +173,7 @@ def identify_over_speeds(
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called with the number of finished speeds and that of all, in the calling thread. None for no calls.
+        Called in this thread after each speed, see `amb_core.ground.progress.Progress`. None for no calls.
     cancelled : callable, optional
         Called ten times per second; once it returns true, the function returns None. None if it cannot be cancelled.
 
@@ -196,14 +197,14 @@ def identify_over_speeds(
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     settings = settings or SpeedSettings()
     models: dict[float, StateSpaceModel | TaskError] = {}
-    report = progress or (lambda done, total: None)
+    report = progress or unseen
 
     def take(value: float, result: StateSpaceModel | TaskError, kept: bool) -> list[Request[StateSpaceModel]]:
         models[value] = result
-        report(len(models), len(speed))
+        report("experiments", len(models), len(speed))
         return []
 
-    report(0, len(speed))
+    report("experiments", 0, len(speed))
     requests = [Request(SpeedTask(settings, _at(plant, value), controller), partial(take, value)) for value in speed]
     computed: list[Campbell] = []
     curve = sorted({*speed, *np.linspace(speed[0], speed[-1], CURVE_SPEEDS if len(speed) > 1 else 1).tolist()})
