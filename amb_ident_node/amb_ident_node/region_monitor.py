@@ -45,7 +45,7 @@ from amb_ros.subscriptions import create_subscription
 if TYPE_CHECKING:
     from amb_core.loop.machine import Machine
     from amb_core.regions.region_map import MapProgress
-    from amb_core.regions.region_map import RegionMap as FoundMap
+    from amb_core.regions.region_map import RegionMap as BuiltMap
 
 WAIT_PERIOD = 0.1  # s of wall-clock time between looks at what waits for the machine
 
@@ -242,19 +242,14 @@ class RegionMonitorNode(Node):
         self._maps += 1
         result.map.sequence = self._maps
         self._map_publisher.publish(result.map)
-        if path is not None:
-            try:
-                region_map.save(path)
-            except RegionError as problem:
-                raise RegionError(f"{problem}; the map is on {topics.REGION_MAP}") from None
-            result.path = str(path)
+        result.path = "" if path is None else _saved(region_map, path)
         resolved = "resolved" if region_map.complete else f"not resolved, max_sweeps = {settings.max_sweeps} are done"
         result.success = True
         result.message = f"{sweeps}, boundaries {resolved}"
         self.get_logger().info(f"region map: {result.message}")
         return result
 
-    def _fill_map(self, message: RegionMap, region_map: FoundMap) -> None:
+    def _fill_map(self, message: RegionMap, region_map: BuiltMap) -> None:
         fill_region_map(message, region_map)
         message.header.stamp = self._wall_clock.now().to_msg()
 
@@ -324,6 +319,15 @@ def _new_file(path: str) -> Path | None:
     if not fits:
         raise RegionError(f"path = {path!r} is not allowed; allowed: a file in a folder that exists")
     return file
+
+
+def _saved(region_map: BuiltMap, path: Path) -> str:
+    """Save a map that is published already; its path."""
+    try:
+        region_map.save(path)
+    except RegionError as problem:
+        raise RegionError(f"{problem}; the map is on {topics.REGION_MAP}") from None
+    return str(path)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from amb_core.designs.excitation import ExcitationCheck, Trial, TrialBench, check_excitation
 from amb_core.excitation import Square, WhiteNoise, generate
 from amb_core.ground.units import UM
@@ -9,6 +11,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.overlay import overlay_chart
 from amb_core.report.figures.trial import trial_chart
 from amb_core.report.pages import Answer
@@ -45,20 +48,11 @@ class ExcitationsOnTheMap(Study):
         pulse_map = overlay_chart(
             checks[PULSES], region_map, f"Rectangular pulses of {_amplitude(PULSES)} on the graph"
         )
-        tried = trial_chart(
-            {
-                f"white noise, {_amplitude(NOISE)} rms": trials[NOISE],
-                f"white noise, {_amplitude(WEAK_NOISE)} rms": trials[WEAK_NOISE],
-                f"pulses on x, then y, {_amplitude(PULSES)}": trials[PULSES],
-                f"pulses on x, then y, {_amplitude(LARGE_PULSES)}": trials[LARGE_PULSES],
-            },
-            title="Effect of the excitations",
-        )
         return StudyResult(
             [
                 DrawnFigure.of("fig11", noise_map),
                 DrawnFigure.of("fig12", pulse_map),
-                DrawnFigure.of("fig11-12-tried", tried),
+                DrawnFigure.of("fig11-12-tried", _tried(trials)),
             ],
             [
                 judge_noise_content(checks[NOISE]),
@@ -77,6 +71,18 @@ class ExcitationsOnTheMap(Study):
                 "squares of their control currents add up. " + _continued(checks[NOISE], region_map)
             ],
         )
+
+
+def _tried(trials: Mapping[WhiteNoise | Square, Trial]) -> Chart:
+    return trial_chart(
+        {
+            f"white noise, {_amplitude(NOISE)} rms": trials[NOISE],
+            f"white noise, {_amplitude(WEAK_NOISE)} rms": trials[WEAK_NOISE],
+            f"pulses on x, then y, {_amplitude(PULSES)}": trials[PULSES],
+            f"pulses on x, then y, {_amplitude(LARGE_PULSES)}": trials[LARGE_PULSES],
+        },
+        title="Effect of the excitations",
+    )
 
 
 def judge_noise_content(check: ExcitationCheck) -> Claim:

@@ -124,22 +124,28 @@ class SquareWaves(Study):
 
 def claims(identification: Identification, means: Means, dynamics: NDArray[np.float64]) -> list[Claim]:
     """Evaluation of the paper's statements on Fig. 13 and 14; `dynamics` is the fit without the offset (percent)."""
-    unstable, largest = len(identification.model.unstable_poles()), _largest(identification)
+    return [_dynamics_claim(dynamics), *_offset_claims(means), _unstable_plant_claim(identification)]
+
+
+def _dynamics_claim(dynamics: NDArray[np.float64]) -> Claim:
     good = dynamics >= REPLICATES
+    return Claim(
+        id="square-waves-dynamics",
+        paper_figure="Fig. 13, 14",
+        statement="A state-space model of tenth order from square waves replicates the pattern of the orbit and "
+        "the dynamic response, in closed loop with the known controller.",
+        finding=f"fit apart from the offset: x {dynamics[0]:.2f} %, y {dynamics[1]:.2f} %",
+        verdict=_answer(bool(good.all()), bool(good.any())),
+        reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replication.",
+        figure="fig14",
+    )
+
+
+def _offset_claims(means: Means) -> list[Claim]:
     before, after = np.abs(means.offset_without), np.abs(means.offset_added)
     missed = before[1] > before[0] and means.fit_without[1] < means.fit_added[1]
     mended = bool(after[1] <= SMALL_OFFSET * before[1])
     return [
-        Claim(
-            id="square-waves-dynamics",
-            paper_figure="Fig. 13, 14",
-            statement="A state-space model of tenth order from square waves replicates the pattern of the orbit and "
-            "the dynamic response, in closed loop with the known controller.",
-            finding=f"fit apart from the offset: x {dynamics[0]:.2f} %, y {dynamics[1]:.2f} %",
-            verdict=_answer(bool(good.all()), bool(good.any())),
-            reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replication.",
-            figure="fig14",
-        ),
         Claim(
             id="square-waves-offset",
             paper_figure="Fig. 13",
@@ -161,20 +167,22 @@ def claims(identification: Identification, means: Means, dynamics: NDArray[np.fl
             reason="" if mended else f"More than {100 * SMALL_OFFSET:g} % of the offset is left.",
             figure="fig13",
         ),
-        Claim(
-            id="unstable-plant",
-            paper_figure="Section 3.3",
-            statement="With prediction focus and the right order, state-space models of the unstable plant can be "
-            "identified directly from data of the closed loop.",
-            finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
-            f"{largest:.4f}",
-            verdict=_answer(unstable > 0 and identification.stable, unstable > 0),
-            reason=""
-            if unstable and identification.stable
-            else "The plant has no unstable pole, or its loop is unstable.",
-            figure="fig14",
-        ),
     ]
+
+
+def _unstable_plant_claim(identification: Identification) -> Claim:
+    unstable, largest = len(identification.model.unstable_poles()), _largest(identification)
+    return Claim(
+        id="unstable-plant",
+        paper_figure="Section 3.3",
+        statement="With prediction focus and the right order, state-space models of the unstable plant can be "
+        "identified directly from data of the closed loop.",
+        finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
+        f"{largest:.4f}",
+        verdict=_answer(unstable > 0 and identification.stable, unstable > 0),
+        reason="" if unstable and identification.stable else "The plant has no unstable pole, or its loop is unstable.",
+        figure="fig14",
+    )
 
 
 def _answer(all_of_it: bool, part: bool = False) -> Answer:

@@ -15,6 +15,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.plant.simulation import simulate
 from amb_core.regions import Region
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged
@@ -98,17 +99,7 @@ class OneAxisSweep(Study):
                 bearing.record, bearing.classification, bearing.frequency, model=model, axes=("y",), title=title
             )
             figures.append(DrawnFigure.of(figure, chart))
-        comparisons = {
-            "fig2-top-coil-amplitudes": sweep_comparison_chart(
-                [bearing.case(f"{1e6 * amplitude:g} µm") for amplitude, bearing in top.items()],
-                title="Top coil alone, table 1: sweeps of rising amplitude",
-            ),
-            "fig2-supply-voltage": sweep_comparison_chart(
-                [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
-                title="Two electromagnets: the same sweep with increasingly slow amplifiers",
-            ),
-        }
-        figures += [DrawnFigure.of(name, chart) for name, chart in comparisons.items()]
+        figures += [DrawnFigure.of(name, chart) for name, chart in _comparisons(top, scan).items()]
         return StudyResult(
             figures,
             [
@@ -117,19 +108,7 @@ class OneAxisSweep(Study):
                 frequency_claim(bearings, poles),
                 delevitation_claim(bearings),
             ],
-            {
-                "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-                **SWEEP,
-                "first bearing": Setting("electromagnets above and below the rotor", "stated: footnote 5"),
-                "second bearing": Setting("the electromagnet above the rotor alone", "stated: section 2.2"),
-                "third bearing": Setting(f"as the first, with {SLOW_VALUE}", "against table 1"),
-                "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
-                "identification": Setting(
-                    f"PEM, order {ORDER}, on two bearings under different random-phase multisines of "
-                    f"{1e6 * EXCITATIONS[0].amplitude:g} µm, {EXCITATIONS[0].frequency_start:g} Hz to "
-                    f"{EXCITATIONS[0].frequency_end:g} Hz"
-                ),
-            },
+            _settings(),
             [
                 top_coil_note(top),
                 SLOW_NOTE,
@@ -138,6 +117,36 @@ class OneAxisSweep(Study):
                 "in a loop without limits, since a linear loop has none.",
             ],
         )
+
+
+def _comparisons(top: dict[float, SweptBearing], scan: dict[float, SweptBearing]) -> dict[str, Chart]:
+    """The top coil alone by amplitude, and two electromagnets by supply voltage."""
+    return {
+        "fig2-top-coil-amplitudes": sweep_comparison_chart(
+            [bearing.case(f"{1e6 * amplitude:g} µm") for amplitude, bearing in top.items()],
+            title="Top coil alone, table 1: sweeps of rising amplitude",
+        ),
+        "fig2-supply-voltage": sweep_comparison_chart(
+            [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
+            title="Two electromagnets: the same sweep with increasingly slow amplifiers",
+        ),
+    }
+
+
+def _settings() -> dict[str, Setting]:
+    return {
+        "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
+        **SWEEP,
+        "first bearing": Setting("electromagnets above and below the rotor", "stated: footnote 5"),
+        "second bearing": Setting("the electromagnet above the rotor alone", "stated: section 2.2"),
+        "third bearing": Setting(f"as the first, with {SLOW_VALUE}", "against table 1"),
+        "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
+        "identification": Setting(
+            f"PEM, order {ORDER}, on two bearings under different random-phase multisines of "
+            f"{1e6 * EXCITATIONS[0].amplitude:g} µm, {EXCITATIONS[0].frequency_start:g} Hz to "
+            f"{EXCITATIONS[0].frequency_end:g} Hz"
+        ),
+    }
 
 
 def top_coil_note(top: Mapping[float, SweptBearing]) -> str:

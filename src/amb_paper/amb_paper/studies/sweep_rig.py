@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 from amb_core.ground.units import UM
 from amb_core.plant import RigidRotorParameters, uniform_shaft
 from amb_core.regions import Region, RegionParameters
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.report.pages import Answer
@@ -67,20 +68,6 @@ class RigSweep(Study):
         tried = {name: sweep_bearing(AMPLITUDE, RIG | change) for name, change in OPTIONS.items()}
         rigid = tried[SURVIVING]
         flexible, bending = _sweep_flexible()
-        charts = {
-            "fig5": sweep_chart(
-                rigid.record, rigid.classification, rigid.frequency, over="frequency", axes="y",
-                title=f"100 µm sweep of the rigid rotor, {SURVIVING}",
-            ),
-            "fig5-flexible": sweep_chart(
-                flexible.record, flexible.classification, flexible.frequency, over="frequency", axes="y",
-                title=f"100 µm sweep of a flexible rotor, {SURVIVING}",
-            ),
-            "fig5-options": sweep_comparison_chart(
-                [swept.case(name) for name, swept in tried.items()],
-                title="100 µm sweep of the rigid rotor, by options",
-            ),
-        }  # fmt: skip
         ends = {name: _end(swept) for name, swept in tried.items()}
         of_survivor = [
             judge_drift(bias(rigid), Region.B in rigid.onsets),
@@ -91,32 +78,55 @@ class RigSweep(Study):
             ),
         ]
         return StudyResult(
-            [DrawnFigure.of(name, chart) for name, chart in charts.items()],
+            [DrawnFigure.of(name, chart) for name, chart in _charts(tried, flexible).items()],
             [
                 judge_survival(ends),
                 *(with_another_value(claim, OTHER_VALUE) for claim in of_survivor),
             ],
-            {
-                "amplitude": Setting(f"{UM * AMPLITUDE:g} µm, bearing A", "stated: section 2.3"),
-                **SWEEP,
-                "mass of the rotor": Setting(f"{RIGID.mass:g} kg", "stated: table 1"),
-                "rotor": Setting(
-                    f"rigid, or a uniform shaft of {LENGTH:g} m that bends at "
-                    f"{', '.join(f'{frequency:.0f}' for frequency in bending)} Hz"
-                ),
-                "iron": Setting(
-                    "of the rigid rotor's bearings with saturation and hysteresis, of the flexible one's linear",
-                    "assumed: section 2.4 has saturation and hysteresis, without values",
-                ),
-                "derivative": Setting("on the measurement", "against Fig. 10"),
-                "control current limit": Setting(f"{WIDE_LIMIT['controller.current_limit']:g} A"),
-            },
+            _settings(bending),
             [
                 "A sweep ends when the rotor touches a backup bearing. Options of the loop, and where it ends: "
                 + "; ".join(f"{name}: {_end_text(end)}" for name, end in ends.items())
                 + f"; flexible rotor, {SURVIVING}: {_end_text(_end(flexible))}."
             ],
         )
+
+
+def _charts(tried: dict[str, SweptBearing], flexible: SweptBearing) -> dict[str, Chart]:
+    """The rigid rotor with the option that survives, the flexible one, and all options."""
+    rigid = tried[SURVIVING]
+    return {
+        "fig5": sweep_chart(
+            rigid.record, rigid.classification, rigid.frequency, over="frequency", axes="y",
+            title=f"100 µm sweep of the rigid rotor, {SURVIVING}",
+        ),
+        "fig5-flexible": sweep_chart(
+            flexible.record, flexible.classification, flexible.frequency, over="frequency", axes="y",
+            title=f"100 µm sweep of a flexible rotor, {SURVIVING}",
+        ),
+        "fig5-options": sweep_comparison_chart(
+            [swept.case(name) for name, swept in tried.items()],
+            title="100 µm sweep of the rigid rotor, by options",
+        ),
+    }  # fmt: skip
+
+
+def _settings(bending: Sequence[float]) -> dict[str, Setting]:
+    return {
+        "amplitude": Setting(f"{UM * AMPLITUDE:g} µm, bearing A", "stated: section 2.3"),
+        **SWEEP,
+        "mass of the rotor": Setting(f"{RIGID.mass:g} kg", "stated: table 1"),
+        "rotor": Setting(
+            f"rigid, or a uniform shaft of {LENGTH:g} m that bends at "
+            f"{', '.join(f'{frequency:.0f}' for frequency in bending)} Hz"
+        ),
+        "iron": Setting(
+            "of the rigid rotor's bearings with saturation and hysteresis, of the flexible one's linear",
+            "assumed: section 2.4 has saturation and hysteresis, without values",
+        ),
+        "derivative": Setting("on the measurement", "against Fig. 10"),
+        "control current limit": Setting(f"{WIDE_LIMIT['controller.current_limit']:g} A"),
+    }
 
 
 def bias(swept: SweptBearing) -> NDArray[np.float64]:

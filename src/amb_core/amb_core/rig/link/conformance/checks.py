@@ -186,7 +186,14 @@ def _repeated(target: Exchange) -> Iterator[str]:
 
 
 def _refusals(target: Exchange) -> Iterator[str]:
-    """Commands that are genuine, and wrong."""
+    """Commands that are genuine, and wrong; some right ones between them restore what they could have changed."""
+    for what, command, wanted in _wrong_commands(target):
+        yield from _code(target, what, command, *wanted)
+    yield from _unknown_type(target)
+
+
+def _wrong_commands(target: Exchange) -> tuple[tuple[str, Command, tuple[Code, ...]], ...]:
+    """Each with what it is, and the codes with which a target may answer it."""
     axes, limits = target.session.axes, target.description.limits
     none = struct.pack(f"<{axes}d", *(0.0,) * axes)
 
@@ -197,7 +204,7 @@ def _refusals(target: Exchange) -> Iterator[str]:
     far = struct.pack(f"<{axes}d", *(1.0,) * axes)
     raised = replace(limits, control_current=limits.control_current * 1.01)
     gains = struct.pack("<5d", 1e3, 1.0, 0.0, 1e4, 1.0)
-    cases: tuple[tuple[str, Command, tuple[Code, ...]], ...] = (
+    return (
         ("HEARTBEAT with a body", Command(FrameType.HEARTBEAT, b"x"), (Code.BAD_LENGTH,)),
         ("LEVITATE for NaN seconds", commands.levitate(math.nan), (Code.BAD_VALUE,)),
         ("LEVITATE for 61 s", commands.levitate(61.0), (Code.BAD_VALUE,)),
@@ -224,8 +231,10 @@ def _refusals(target: Exchange) -> Iterator[str]:
         ("the limits of the configuration", commands.limits(limits), (Code.DONE,)),
         ("the PD law", commands.controller(Law.PD), (Code.DONE,)),
     )  # fmt: skip
-    for what, command, wanted in cases:
-        yield from _code(target, what, command, *wanted)
+
+
+def _unknown_type(target: Exchange) -> Iterator[str]:
+    """A genuine frame of a type that the protocol does not have."""
     counter = target.writer.counter + 1
     target.writer.catch_up(counter)
     unknown = bytearray(seal(target.session, FrameType.CURRENT, counter, b""))
