@@ -14,15 +14,14 @@ from typing import Any, Literal
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.data.experiments.drift import DriftOption
 from amb_core.ground.errors import BagError, IdentificationError, one_line
-from amb_core.ground.parameters import Parameters, choice, quantity
-from amb_core.identification import Focus, IdentificationProgress, Method, StateSpaceModel, identify, validate
+from amb_core.identification import Focus, IdentificationProgress, StateSpaceModel, identify, validate
 from amb_core.identification.identify import check_arguments
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model
 from amb_ident_node.identified import Identified
+from amb_ident_node.identifier_parameters import IdentifierParameters
 from amb_ident_node.listening import LiveExperiment
 from amb_ident_node.sources import LoopSources
 from amb_msgs import action, msg, srv
@@ -36,22 +35,6 @@ from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
 DEFAULT_FOCUS: Focus = "prediction"
-
-
-class IdentifierParameters(Parameters):
-    """Parameters of the node."""
-
-    order: int = quantity(10, "-", "number of states if a request gives none", 1, 40)
-    method: Method = choice("pem", "method if a request gives none")
-    drift: DriftOption = choice(
-        "auto", "slow drift of the outputs: auto (removed where the checks find it), none, or prefilter (always)"
-    )
-    max_steps: int = quantity(
-        1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
-    )
-    controller: str = choice("pd_controller", "node whose parameters describe the controller, relative or full name")
-    simulator: str = choice("simulator", "node whose parameters describe the plant, if there is one")
-    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
 
 
 class IdentifierNode(Node):

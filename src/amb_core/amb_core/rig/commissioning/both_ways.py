@@ -30,7 +30,7 @@ def turn_of(ratio: NDArray[np.complex128], machine: Machine) -> dict[tuple[str, 
     """Tangent of the angle between sensors and magnets, by bearing; from H^-1 P."""
     names, tangents = machine.axis_names, {}
     for bearing in machine.bearings:
-        axes = [axis for axis, one in enumerate(machine.axes) if one.bearing == bearing.name]
+        axes = machine.columns_of(bearing.name)
         if len(axes) == 2:
             i, j = axes
             one, other = (np.median((ratio[:, a, b] / ratio[:, b, b]).real) for a, b in ((j, i), (i, j)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from amb_core.ground.units import UM
 from amb_core.loop.machine import Machine
 from amb_core.rig.commissioning.finding import Finding
-from amb_core.rig.commissioning.levitation import axes_of, clearance_of
+from amb_core.rig.commissioning.levitation import clearance_of
 
 NOISE = 2e-6  # m, rms
 STEP = 0.5e-6  # m: largest step of a converter
@@ -83,7 +83,8 @@ def place_findings(rest: NDArray[np.float64], machine: Machine) -> list[Finding]
         Axes and clearances.
     """
     findings = []
-    for bearing, axes in axes_of(machine).items():
+    for bearing in (each.name for each in machine.bearings):
+        axes = machine.columns_of(bearing)
         clearance = clearance_of(machine, bearing)
         radius = float(np.linalg.norm(rest[axes]))
         if radius <= _PLACE * clearance:
@@ -114,7 +115,8 @@ def hand_findings(pushed: Mapping[str, Mapping[str, NDArray[np.float64]]], machi
     """
     findings: list[Finding] = []
     every = machine.axis_names
-    for bearing, axes in axes_of(machine).items():
+    for bearing in (each.name for each in machine.bearings):
+        axes = machine.columns_of(bearing)
         clearance = clearance_of(machine, bearing)
         pushes = pushed.get(bearing)
         if pushes is None or len(axes) != 2:
