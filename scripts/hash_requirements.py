@@ -39,15 +39,15 @@ def hashes(requirements: Path, python: str) -> dict[str, str]:
 
 def write(requirements: Path) -> None:
     """Write the file with the hashes of a file of pins."""
-    found: defaultdict[str, set[str]] = defaultdict(set)
+    digests_of: defaultdict[str, set[str]] = defaultdict(set)
     for python in PYTHONS:
         for name, digest in hashes(requirements, python).items():
-            found[name].add(digest)
+            digests_of[name].add(digest)
     lines = [HEADER.format(requirements.name)]
     for line in requirements.read_text().splitlines():
         pin = line.split("#")[0].strip()
         if pin:
-            digests = sorted(found[normal(re.split(r"[\[=]", pin)[0])])
+            digests = sorted(digests_of[normal(re.split(r"[\[=]", pin)[0])])
             lines.append(" \\\n    ".join([pin, *(f"--hash=sha256:{digest}" for digest in digests)]) + "\n")
     requirements.with_suffix(".hashes").write_text("".join(lines))
 

@@ -57,8 +57,8 @@ def normal(name: str) -> str:
 
 def pins(requirements: Path) -> dict[str, str]:
     """Version of each package that a file pins, by normal name."""
-    found = re.findall(r"^([\w.-]+)(?:\[.*?\])?==([\w.]+)", requirements.read_text(), flags=re.M)
-    return {normal(name): version for name, version in found}
+    pinned = re.findall(r"^([\w.-]+)(?:\[.*?\])?==([\w.]+)", requirements.read_text(), flags=re.M)
+    return {normal(name): version for name, version in pinned}
 
 
 def spdx(words: str) -> str:

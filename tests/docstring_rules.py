@@ -79,7 +79,7 @@ def members(cls: type) -> Iterator[tuple[str, Any, str, bool]]:
         ours = [vars(base)[name] for base in cls.__mro__ if name in vars(base) and base.__module__.startswith(OURS)]
         if name.startswith("_") or not ours or name in getattr(cls, "__dataclass_fields__", {}):
             continue  # not public, of another package, or the default of a field
-        text = next((found.__doc__ for found in ours if getattr(found, "__doc__", None)), "")
+        text = next((owner.__doc__ for owner in ours if getattr(owner, "__doc__", None)), "")
         getter = getattr(ours[0], "fget", None) or getattr(ours[0], "func", None)  # property, cached_property
         function = getter or getattr(ours[0], "__func__", ours[0])  # of a class method, static method
         if inspect.isfunction(function):
@@ -100,7 +100,7 @@ class Entry:
 def sections_of(text: str) -> dict[str, dict[str, Entry]]:
     """Entries of each section by name; those of Returns and Yields, which may lack one, by number."""
     parts = re.split(r"^(\w[\w ]*)\n-+$\n?", inspect.cleandoc(text), flags=re.MULTILINE)
-    found: dict[str, dict[str, Entry]] = {}
+    sections: dict[str, dict[str, Entry]] = {}
     for heading, body in zip(parts[1::2], parts[2::2], strict=True):
         entries: dict[str, Entry] = {}
         last = Entry("")
@@ -114,8 +114,8 @@ def sections_of(text: str) -> dict[str, dict[str, Entry]]:
                     last = entries[str(len(entries))] = Entry(kind or names)
                 else:
                     entries.update({name.lstrip("*"): last for name in names.split(", ")})
-        found[heading] = entries
-    return found
+        sections[heading] = entries
+    return sections
 
 
 def raised_by(function: Callable[..., Any]) -> set[str]:
@@ -126,17 +126,17 @@ def raised_by(function: Callable[..., Any]) -> set[str]:
 
 
 def raised_in(nodes: Iterable[ast.AST], known: Mapping[str, Any]) -> set[type[BaseException]]:
-    found: set[type[BaseException]] = set()
+    kinds: set[type[BaseException]] = set()
     for node in nodes:
         if isinstance(node, ast.Raise):
-            found |= {kind} if (kind := kind_raised(node, known)) else set()
+            kinds |= {kind} if (kind := kind_raised(node, known)) else set()
         elif isinstance(node, ast.Try):
             caught = tuple(kind for handler in node.handlers for kind in kinds_caught(handler, known))
-            found |= {kind for kind in raised_in(node.body, known) if not issubclass(kind, caught)}
-            found |= raised_in([*node.handlers, *node.orelse, *node.finalbody], known)
+            kinds |= {kind for kind in raised_in(node.body, known) if not issubclass(kind, caught)}
+            kinds |= raised_in([*node.handlers, *node.orelse, *node.finalbody], known)
         elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
-            found |= raised_in(ast.iter_child_nodes(node), known)
-    return found
+            kinds |= raised_in(ast.iter_child_nodes(node), known)
+    return kinds
 
 
 def kind_raised(node: ast.Raise, known: Mapping[str, Any]) -> type[BaseException] | None:
@@ -275,12 +275,12 @@ def problems_of_result(
 
 def kinds_of_errors() -> set[str]:
     """Names of all exceptions of the modules that are loaded."""
-    found, todo = set(), [BaseException]
+    names, todo = set(), [BaseException]
     while todo:
         kind = todo.pop()
-        found.add(kind.__name__)
+        names.add(kind.__name__)
         todo += type.__subclasses__(kind)
-    return found
+    return names
 
 
 def problems_of_errors(sections: Mapping[str, Mapping[str, Entry]], raised: set[str]) -> list[str]:
@@ -294,14 +294,14 @@ def problems_of_errors(sections: Mapping[str, Mapping[str, Entry]], raised: set[
 
 
 def problems_of_room(room: ModuleType) -> list[str]:
-    found = []
+    every = []
     for name, item in public_objects(room):
         if inspect.isclass(item):
             lacking = {f"{name}.{member}".rstrip("."): what for member, what in problems_of_class(item).items()}
         else:
             lacking = {name: problems_of(item, item.__doc__)}
-        found += [f"{where}: {problem}" for where, problems in lacking.items() for problem in problems]
-    return found
+        every += [f"{where}: {problem}" for where, problems in lacking.items() for problem in problems]
+    return every
 
 
 def unknown_names(item: Any) -> set[str]:

@@ -77,8 +77,8 @@ class LinearProcess:
 
     def response_error(self, model: StateSpaceModel) -> float:
         """Error of a model's frequency response relative to that of the process, rms over all frequencies."""
-        found, right = response(model), response(self.model)
-        return float(np.linalg.norm(found - right) / np.linalg.norm(right))
+        identified, right = response(model), response(self.model)
+        return float(np.linalg.norm(identified - right) / np.linalg.norm(right))
 
 
 def response(model: StateSpaceModel) -> np.ndarray:

@@ -79,8 +79,10 @@ def differing_tiles(image: Image.Image, kept: Image.Image) -> list[tuple[int, in
     """Row and column of the tiles that differ; all rows that only one of the pictures has."""
     mine, theirs = tiles(image), tiles(kept)
     rows = min(len(mine), len(theirs))
-    found = [(int(row), int(column)) for row, column in np.argwhere(np.abs(mine[:rows] - theirs[:rows]) > TOLERANCE)]
-    return found + [(row, 0) for row in range(rows, max(len(mine), len(theirs)))]
+    differing = [
+        (int(row), int(column)) for row, column in np.argwhere(np.abs(mine[:rows] - theirs[:rows]) > TOLERANCE)
+    ]
+    return differing + [(row, 0) for row in range(rows, max(len(mine), len(theirs)))]
 
 
 def overflowing(pages: list[Path], browser: Any) -> Iterator[tuple[Path, Look]]:

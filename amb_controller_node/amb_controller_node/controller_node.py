@@ -206,10 +206,10 @@ class ControllerNode(Node):
     def _check_sample_rate(self, period: float) -> None:
         rate = self._sample_rate()
         if not abs(period * rate - 1.0) <= 1e-3:  # NaN too
-            found = f"at {1.0 / period:g} Hz" if period > 0.0 else f"with time {period:g} s at step 1"
+            observed = f"at {1.0 / period:g} Hz" if period > 0.0 else f"with time {period:g} s at step 1"
             self._rate_error = (
-                f"positions arrive {found}, but the machine has a sample rate of {rate:g} Hz; its source must publish "
-                "the rate at which it runs"
+                f"positions arrive {observed}, but the machine has a sample rate of {rate:g} Hz; its source must "
+                "publish the rate at which it runs"
             )
             self.get_logger().error(self._rate_error)
 

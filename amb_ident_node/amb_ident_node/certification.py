@@ -70,12 +70,12 @@ class Certifier:
             used=last.loop if last is not None and model is not None and not request.bag else None,
             judged=self._telemetry(request) if request.on_telemetry else None,
         )
-        found = certify_request(request_of(request), given)
+        certificate = certify_request(request_of(request), given)
         if request.out:
             from amb_core.report.pages.certificate import write_certificate  # loads plotly
 
-            response.page = str(write_certificate(found, request.out).absolute())
-        return fill_answer(response, found, certificate_json(found))
+            response.page = str(write_certificate(certificate, request.out).absolute())
+        return fill_answer(response, certificate, certificate_json(certificate))
 
     def _telemetry(self, request: srv.Certify.Request) -> RecordedLoop:
         source = Source(request.experiment_controller, request.first_step, request.steps)
@@ -139,8 +139,8 @@ def fill_answer(response: srv.Certify.Response, certificate: Certificate, text: 
     return response
 
 
-def _fill_numbers(response: srv.Certify.Response, found: Assessment) -> None:
-    axes = found.axes
+def _fill_numbers(response: srv.Certify.Response, assessment: Assessment) -> None:
+    axes = assessment.axes
     response.axes, response.zone = [one.name for one in axes], [one.zone for one in axes]
     response.peak_sensitivity = [one.sensitivity.value for one in axes]
     response.peak_sensitivity_frequency = [one.sensitivity.frequency for one in axes]
@@ -151,12 +151,12 @@ def _fill_numbers(response: srv.Certify.Response, found: Assessment) -> None:
     response.phase_margin = [one.margins.phase.value for one in axes]
     response.delay_margin = [one.margins.delay.value for one in axes]
     response.disk_margin = [one.disk.guaranteed for one in axes]
-    response.mu_upper, response.mu_lower = found.mu.upper, found.mu.lower
-    if found.bounds is None:
+    response.mu_upper, response.mu_lower = assessment.mu.upper, assessment.mu.lower
+    if assessment.bounds is None:
         return
-    bounds = found.bounds.axes
+    bounds = assessment.bounds.axes
     response.sensitivity_bound = [one.sensitivity.value for one in bounds]
     response.complementary_bound = [one.complementary.value for one in bounds]
     response.disk_margin_bound = [1.0 / one.disk.value for one in bounds]
     response.zone_bound = [one.zone for one in bounds]
-    response.nu_gap, response.stability_margin_b = found.bounds.gap.worst.value, found.bounds.gap.margin
+    response.nu_gap, response.stability_margin_b = assessment.bounds.gap.worst.value, assessment.bounds.gap.margin

@@ -14,15 +14,14 @@ from typing import Any, Literal
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from amb_core.data.experiments.drift import DriftOption
 from amb_core.ground.errors import BagError, IdentificationError, one_line
-from amb_core.ground.parameters import Parameters, choice, quantity
-from amb_core.identification import Focus, IdentificationProgress, Method, StateSpaceModel, identify, validate
+from amb_core.identification import Focus, IdentificationProgress, StateSpaceModel, identify, validate
 from amb_core.identification.identify import check_arguments
 from amb_core.recording.messages.excitation_status import answer_from_message
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.state_space_model import fill_model
 from amb_ident_node.identified import Identified
+from amb_ident_node.identifier_parameters import IdentifierParameters
 from amb_ident_node.listening import LiveExperiment
 from amb_ident_node.sources import LoopSources
 from amb_msgs import action, msg, srv
@@ -36,22 +35,6 @@ from amb_ros.services import create_service
 from amb_ros.subscriptions import create_subscription
 
 DEFAULT_FOCUS: Focus = "prediction"
-
-
-class IdentifierParameters(Parameters):
-    """Parameters of the node."""
-
-    order: int = quantity(10, "-", "number of states if a request gives none", 1, 40)
-    method: Method = choice("pem", "method if a request gives none")
-    drift: DriftOption = choice(
-        "auto", "slow drift of the outputs: auto (removed where the checks find it), none, or prefilter (always)"
-    )
-    max_steps: int = quantity(
-        1_200_000, "-", "steps of telemetry that are kept; older ones are dropped", 1_000, 100_000_000
-    )
-    controller: str = choice("pd_controller", "node whose parameters describe the controller, relative or full name")
-    simulator: str = choice("simulator", "node whose parameters describe the plant, if there is one")
-    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
 
 
 class IdentifierNode(Node):
@@ -122,14 +105,14 @@ class IdentifierNode(Node):
         feedback: Callable[[action.Identify.Feedback], None],
         cancelled: Callable[[], bool],
     ) -> action.Identify.Result:
-        def tell(progress: IdentificationProgress) -> None:
+        def publish(progress: IdentificationProgress) -> None:
             cost = math.nan if progress.cost is None else progress.cost
             feedback(
                 action.Identify.Feedback(stage=progress.stage, done=progress.done, total=progress.total, cost=cost)
             )
 
         result = action.Identify.Result()
-        self._identify(goal, result, tell, lambda: cancelled() or self._ending.is_set())
+        self._identify(goal, result, publish, lambda: cancelled() or self._ending.is_set())
         return result
 
     def _on_get_model(self, _: srv.GetModel.Request, response: srv.GetModel.Response) -> srv.GetModel.Response:
@@ -149,16 +132,18 @@ class IdentifierNode(Node):
             raise IdentificationError("no model has been identified yet; call ~/identify first or name a file")
         self._sources.check(request)
         loop, remark = self._sources.loop(request, with_plant=True)
-        found = validate(model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant, search=search)
+        validation = validate(
+            model, loop.data, loop.controller, uncertainty=uncertainty, plant=loop.plant, search=search
+        )
         response.success = True
-        response.message = found.summary + remark
-        response.report = found.report()
-        response.verdict, response.validated = found.verdict.code, found.validated
-        response.fit = found.fit.tolist()
-        response.one_step_fit = found.one_step_fit.tolist()
-        response.white = found.white
-        response.independent = found.independent
-        response.closed_loop_stable = bool(found.closed_loop_stable)
+        response.message = validation.summary + remark
+        response.report = validation.report()
+        response.verdict, response.validated = validation.verdict.code, validation.validated
+        response.fit = validation.fit.tolist()
+        response.one_step_fit = validation.one_step_fit.tolist()
+        response.white = validation.white
+        response.independent = validation.independent
+        response.closed_loop_stable = bool(validation.closed_loop_stable)
         response.unstable_poles = len(model.unstable_poles())
         return response
 
@@ -174,9 +159,9 @@ class IdentifierNode(Node):
     ) -> None:
         """Identify according to a request of the service or the action, and fill in its response or result."""
 
-        def tell(told: IdentificationProgress) -> None:
-            self._stage = f"{told.stage}, {told.done} of {told.total}"
-            progress(told)
+        def note(state: IdentificationProgress) -> None:
+            self._stage = f"{state.stage}, {state.done} of {state.total}"
+            progress(state)
 
         self._check_request(request)
         loop, remark = self._sources.loop(request)
@@ -187,7 +172,7 @@ class IdentifierNode(Node):
                 loop.controller,
                 focus=request.focus or DEFAULT_FOCUS,
                 drift=self._settings.drift,
-                progress=tell,
+                progress=note,
                 cancelled=ended,
             )
         finally:

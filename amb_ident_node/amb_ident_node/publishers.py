@@ -80,9 +80,9 @@ class Publishers:
         """Wait, soon after the start of the node, until no new publisher appears: some may not be known yet."""
         known, quiet_since = -1, time.monotonic()
         while (now := time.monotonic()) < min(quiet_since + DISCOVERY_QUIET, self._born + DISCOVERY_END):
-            found = sum(map(self._node.count_publishers, self._recorded))
-            if found != known:
-                known, quiet_since = found, now
+            publishers = sum(map(self._node.count_publishers, self._recorded))
+            if publishers != known:
+                known, quiet_since = publishers, now
             time.sleep(0.01)
 
     def _unconnected(self) -> list[str]:

@@ -316,8 +316,8 @@ class RecorderNode(Node):
         return [*died, self._ledger.end_of_telemetry] if died else []
 
     def _note_conflicts(self) -> None:
-        found = [self._ledger.conflict, *self._diagnostics.conflicts()]
-        self._conflicts.update((text, None) for text in found if text)
+        conflicts = [self._ledger.conflict, *self._diagnostics.conflicts()]
+        self._conflicts.update((text, None) for text in conflicts if text)
 
     def _start_by_itself(self) -> None:
         try:

@@ -17,7 +17,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.ground.errors import BagError, RegionError, one_line
-from amb_core.ground.parameters import choice, load_parameters, part_of, quantity
+from amb_core.ground.parameters import load_parameters, part_of
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.loop_samples import block_from_message
@@ -28,6 +28,7 @@ from amb_core.regions.rehearsal import rehearse
 from amb_ident_node.machine_wait import MachineWait
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
+from amb_ident_node.region_monitor_parameters import RegionMonitorParameters
 from amb_ident_node.region_report import MEANINGS, shown
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, LoopSamples, RegionMap, SimulatorState
@@ -45,32 +46,9 @@ from amb_ros.subscriptions import create_subscription
 if TYPE_CHECKING:
     from amb_core.loop.machine import Machine
     from amb_core.regions.region_map import MapProgress
-    from amb_core.regions.region_map import RegionMap as FoundMap
+    from amb_core.regions.region_map import RegionMap as BuiltMap
 
 WAIT_PERIOD = 0.1  # s of wall-clock time between looks at what waits for the machine
-
-
-class RegionMonitorParameters(RegionParameters):
-    """Parameters of the node: those of the classifier, and of its interface to the graph."""
-
-    publish_period: float = quantity(0.05, "s", "run time between messages on region while nothing changes", 0.002, 0.1)
-    simulator: str = choice("simulator", "node whose parameters describe the plant of a map, relative or full name")
-    controller: str = choice(
-        "pd_controller", "node whose parameters describe the controller of a map, relative or full name"
-    )
-    machine_timeout: float = quantity(
-        5.0,
-        "s",
-        "longest wait for the machine once telemetry of its axes arrives; without it bearings follow from the names "
-        "of the axes, with a clearance of 250 um",
-        0.0,
-        60.0,
-    )
-    parameter_timeout: float = quantity(1.0, "s", "longest wait for the parameters of either", 0.05, 10.0)
-    scheduler: str = choice(
-        "",
-        "address of the dask scheduler that runs the sweeps of a map, tls://host:port; empty: this machine",
-    )
 
 
 class RegionMonitorNode(Node):
@@ -242,19 +220,14 @@ class RegionMonitorNode(Node):
         self._maps += 1
         result.map.sequence = self._maps
         self._map_publisher.publish(result.map)
-        if path is not None:
-            try:
-                region_map.save(path)
-            except RegionError as problem:
-                raise RegionError(f"{problem}; the map is on {topics.REGION_MAP}") from None
-            result.path = str(path)
+        result.path = "" if path is None else _saved(region_map, path)
         resolved = "resolved" if region_map.complete else f"not resolved, max_sweeps = {settings.max_sweeps} are done"
         result.success = True
         result.message = f"{sweeps}, boundaries {resolved}"
         self.get_logger().info(f"region map: {result.message}")
         return result
 
-    def _fill_map(self, message: RegionMap, region_map: FoundMap) -> None:
+    def _fill_map(self, message: RegionMap, region_map: BuiltMap) -> None:
         fill_region_map(message, region_map)
         message.header.stamp = self._wall_clock.now().to_msg()
 
@@ -324,6 +297,15 @@ def _new_file(path: str) -> Path | None:
     if not fits:
         raise RegionError(f"path = {path!r} is not allowed; allowed: a file in a folder that exists")
     return file
+
+
+def _saved(region_map: BuiltMap, path: Path) -> str:
+    """Save a map that is published already; its path."""
+    try:
+        region_map.save(path)
+    except RegionError as problem:
+        raise RegionError(f"{problem}; the map is on {topics.REGION_MAP}") from None
+    return str(path)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -110,8 +110,8 @@ class LoopSources:
         """The controller named in a request, at the sample rate of its data (Hz) if that is known."""
         if is_named_set(name):
             return named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate)
-        found = self._controller_of(name)
-        return found if sample_rate is None else found.at_rate(sample_rate)
+        controller = self._controller_of(name)
+        return controller if sample_rate is None else controller.at_rate(sample_rate)
 
     def _running_controller(self, sample_rate: float) -> KnownController | None:
         """The controller of the running loop; None if there is none that reports its parameters.
@@ -143,10 +143,10 @@ class LoopSources:
         if node.rsplit("/", 1)[-1] == BRIDGE_NODE:
             return controller_of_bridge(values, None)
         published = None if self._published is None else model_from_message(self._published)
-        found = linear_controller_of(values, published)
-        if found is None:
+        controller = linear_controller_of(values, published)
+        if controller is None:
             raise ParameterError(f"node {node} has no controller yet")
-        return found
+        return controller
 
     def _on_controller(self, message: msg.StateSpaceModel) -> None:
         self._published = message

@@ -19,11 +19,11 @@ def gains_in(arguments: Sequence[str], namespace: str) -> dict[str, Any]:
     ParameterError
         If a file cannot be read or is no parameter file.
     """
-    found: dict[str, Any] = {}
+    parameters: dict[str, Any] = {}
     for file in files_among(arguments):
-        found |= ParameterFile(file).values(f"{namespace}/pd_controller")
+        parameters |= ParameterFile(file).values(f"{namespace}/pd_controller")
     own = {declaration.name for declaration in own_declarations(ControllerParameters)}
-    return {name: value for name, value in found.items() if name in own}
+    return {name: value for name, value in parameters.items() if name in own}
 
 
 def files_among(arguments: Sequence[str]) -> list[str]:

@@ -31,7 +31,6 @@ from amb_core.rig.link import (
     TargetStatus,
 )
 from amb_ros import diagnostics, network, topics
-from amb_ros.alarms import RecentProblem
 from amb_ros.managed_node import ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -42,6 +41,7 @@ from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
 from amb_sim_node.rig_host_loop import HostLoop
 from amb_sim_node.rig_link import controller_of, link_of, require_host_loop
+from amb_sim_node.rig_losses import RecentLosses
 from amb_sim_node.rig_state import RigState, report
 from amb_sim_node.rig_watch import Reactions, RigWatch
 
@@ -79,8 +79,7 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
-        self._lost = 0  # samples, at the last report
-        self._losing = RecentProblem()
+        self._losses = RecentLosses()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
         if self._settings.mode == "host":
@@ -388,14 +387,7 @@ class HardwareBridgeNode(ManagedNode):
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
         problem = self._watch.latched() or self._unsent or self.problem
-        return report(self.state_label, self._watch, self._link, limits, problem, self._lost_lately())
-
-    def _lost_lately(self) -> str:
-        """That samples of telemetry have been lost since the last report, or shortly before."""
-        before, self._lost = self._lost, self._link.count.samples.lost if self._link is not None else 0
-        if self._lost > before:
-            self._losing.note(f"{self._lost - before} samples of telemetry lost, {self._lost} since the connection")
-        return self._losing.text
+        return report(self.state_label, self._watch, self._link, limits, problem, self._losses.text(self._link))
 
 
 def main(args: list[str] | None = None) -> int:

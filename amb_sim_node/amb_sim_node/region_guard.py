@@ -34,10 +34,11 @@ def guard_of(settings: BridgeParameters, controller: KnownController) -> Guard:
     def guard(signal: ExcitationSignal | None) -> None:
         if signal is None:
             raise ExcitationError(f"a waveform cannot be checked against the region map; {remedy}")
-        found = highest_load(signal, region_map, law)
-        if found.load >= 1.0:
+        highest = highest_load(signal, region_map, law)
+        if highest.load >= 1.0:
             raise ExcitationError(
-                f"it may leave region A of the map on {found.axis}: load {found.load:.2f}, where 1 is its end; {remedy}"
+                f"it may leave region A of the map on {highest.axis}: load {highest.load:.2f}, where 1 is its end; "
+                f"{remedy}"
             )
 
     return guard

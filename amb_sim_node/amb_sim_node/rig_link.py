@@ -85,9 +85,9 @@ def _installed_link(kind: str) -> Callable[[LinkParameters], TargetLink]:
             f"package with a link of its own offers it as entry point of the group {LINKS}"
         )
     try:
-        found = installed[kind].load()
+        link = installed[kind].load()
     except (ImportError, AttributeError) as problem:
         raise ParameterError(f"link.kind = {kind!r} cannot be loaded: {problem}") from None
-    if not (isinstance(found, type) and issubclass(found, TargetLink)):
+    if not (isinstance(link, type) and issubclass(link, TargetLink)):
         raise ParameterError(f"link.kind = {kind!r} is not allowed: it must be a subclass of TargetLink")
-    return found
+    return link

@@ -40,15 +40,8 @@ from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 from amb_ros.services import create_service
+from amb_ros.simulator_modes import MODE_NAMES
 from amb_sim_node.parameters import SimulatorParameters, pace_refusal
-
-MODE_NAMES = {
-    SimulatorState.PAUSED: "paused",
-    SimulatorState.RUNNING: "running",
-    SimulatorState.WAITING: "waiting for the controller",
-    SimulatorState.DELEVITATED: "delevitated",
-    SimulatorState.FAULT: "fault",
-}
 
 
 class SimulatorNode(Node):

@@ -161,23 +161,23 @@ def _take(name: str) -> None:
         sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
     head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
     file = ROOT / "results" / measured.results
-    found = json.loads(file.read_text())
-    wrong = declaration_problems(measured.declared, found)
+    figures = json.loads(file.read_text())
+    wrong = declaration_problems(measured.declared, figures)
     if wrong:
         sys.exit(f"{file}: {'; '.join(wrong)}")
     processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
     described = f"{processor[1] if processor else platform.processor()}, {os.cpu_count()} cores"
-    changed = {"figures": found, "date": str(date.fromtimestamp(file.stat().st_mtime)), "machine": described}
+    changed = {"figures": figures, "date": str(date.fromtimestamp(file.stat().st_mtime)), "machine": described}
     taken = measured.model_copy(update=changed | {"commit": head.stdout.strip(), "exact": True})
     (FOLDER / f"{name}.json").write_text(taken.model_dump_json(indent=1) + "\n")
 
 
-def declaration_problems(declared: str, found: Any, partial: bool = False) -> list[str]:
+def declaration_problems(declared: str, figures: Any, partial: bool = False) -> list[str]:
     """What is wrong with figures by their declaration, MODULE:CLASS."""
     from tests.front_door.figures import problems
 
     module, _, kind = declared.partition(":")
-    return problems(getattr(importlib.import_module(module), kind), found, partial)
+    return problems(getattr(importlib.import_module(module), kind), figures, partial)
 
 
 def main() -> None:

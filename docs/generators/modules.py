@@ -15,13 +15,13 @@ READMES = tuple(ROOT / "src" / package / "README.md" for package in ("amb_core",
 
 def offered() -> list[str]:
     """Modules in the first column of the tables of the READMEs, sorted."""
-    found: set[str] = set()
+    names_offered: set[str] = set()
     for readme in READMES:
         for cell in re.findall(r"^\| (`amb_[^|]*`) \|", readme.read_text(), re.MULTILINE):
             names = re.findall(r"`([\w.]+)`", cell)
             parent = names[0].rpartition(".")[0]
-            found |= {name if name.startswith("amb_") else f"{parent}.{name}" for name in names}
-    return sorted(name for name in found if "." in name)
+            names_offered |= {name if name.startswith("amb_") else f"{parent}.{name}" for name in names}
+    return sorted(name for name in names_offered if "." in name)
 
 
 def write_pages(folder: Path = FOLDER) -> None:
@@ -57,10 +57,10 @@ def _page(module: str, pages: dict[str, str]) -> str:
 
 def _homes(modules: list[str]) -> dict[str, str]:
     """The page of each exported object, by the name of its definition: that of the deepest module that exports it."""
-    found: dict[str, str] = {}
+    homes: dict[str, str] = {}
     for module in sorted(modules, key=lambda name: (name.count("."), name)):
-        found |= dict.fromkeys(_exported(module), module)
-    return found
+        homes |= dict.fromkeys(_exported(module), module)
+    return homes
 
 
 def _exported(module: str) -> list[str]:

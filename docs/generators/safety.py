@@ -205,12 +205,12 @@ def _shown(name: str) -> str:
 
 def _steps() -> dict[tuple[TargetState, TargetState], list[str]]:
     """Trips that are new in steps from one state to another; without one, what else it is."""
-    found: dict[tuple[TargetState, TargetState], set[int]] = defaultdict(set)
+    reasons_of: dict[tuple[TargetState, TargetState], set[int]] = defaultdict(set)
     for part in recorded():
         for was, reason, to in part["steps"]:
-            found[TargetState(was), TargetState(to)].add(reason)
+            reasons_of[TargetState(was), TargetState(to)].add(reason)
     rows = {}
-    for (was, to), reasons in sorted(found.items()):
+    for (was, to), reasons in sorted(reasons_of.items()):
         quiet = "no new trip" if was == to else "end of the ramp"
         if to == TargetState.LANDING != was:
             quiet = TripReason.HOST_SILENT.name  # latched before, when the excitation faded

@@ -1,4 +1,4 @@
-"""The region monitor at 10 kHz in real time: share of a core that its process takes, and how late it tells a region.
+"""The region monitor at 10 kHz in real time: share of a core that its process takes, and how late it reports a region.
 
 Telemetry is published in the blocks and at the pace of a loop in real time: a sweep of 25 um over 15 s with the
 derivative on the measurement, which runs up to 5 kHz, with beats and all. The start of the process is left out.

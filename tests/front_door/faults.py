@@ -122,11 +122,11 @@ def main() -> int:
                 if red:
                     print(output[-3000:])
                     return 1
-        found = [look(copy, fault) for fault in faults]
-    results_file("faults.json").write_text(json.dumps([item.model_dump() for item in found], indent=1) + "\n")
-    seen = sum(item.red for item in found)
-    print(f"{seen} of {len(found)} faults are seen")
-    return 0 if seen == len(found) else 1
+        outcomes = [look(copy, fault) for fault in faults]
+    results_file("faults.json").write_text(json.dumps([item.model_dump() for item in outcomes], indent=1) + "\n")
+    seen = sum(item.red for item in outcomes)
+    print(f"{seen} of {len(outcomes)} faults are seen")
+    return 0 if seen == len(outcomes) else 1
 
 
 def copied(folder: Path) -> Path:
@@ -162,9 +162,9 @@ def look(copy: Path, fault: Fault) -> FaultFound:
         file.write_text(text)
         os.utime(file, ns=(when.st_atime_ns, when.st_mtime_ns))  # so that what was compiled of it counts
     line = next((line.strip() for line in output.splitlines() if fault.says in line), "")
-    found = FaultFound(fault=fault.name, run=" ".join(fault.check[1:]), red=red and bool(line), line=line[:300])
-    print(f"{'red' if found.red else 'NOT SEEN'}: {fault.name}: {found.line or output[-1500:]}", flush=True)
-    return found
+    outcome = FaultFound(fault=fault.name, run=" ".join(fault.check[1:]), red=red and bool(line), line=line[:300])
+    print(f"{'red' if outcome.red else 'NOT SEEN'}: {fault.name}: {outcome.line or output[-1500:]}", flush=True)
+    return outcome
 
 
 if __name__ == "__main__":

@@ -17,20 +17,20 @@ class Figures(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, ser_json_inf_nan="constants")
 
 
-def problems(kind: type[BaseModel], found: Any, partial: bool = False) -> list[str]:
+def problems(kind: type[BaseModel], results: Any, partial: bool = False) -> list[str]:
     """What is wrong with results, a line each.
 
     Parameters
     ----------
     kind : type
         The declaration.
-    found : object
+    results : object
         What was read from the file.
     partial : bool, optional
         Whether keys may be missing, in figures that are older than the keys.
     """
     try:
-        kind.model_validate(found)
+        kind.model_validate(results)
     except ValidationError as problem:
         return [
             f"{'.'.join(str(part) for part in item['loc']) or 'the file'}: {item['msg']}"

@@ -70,14 +70,14 @@ def run_file(programs: list[Program]) -> dict[str, Outcome]:
     last = outcomes[programs[-1].module]
     module, _, name = programs[-1].figures.partition(":")
     try:
-        found = json.loads(file.read_text())
+        results = json.loads(file.read_text())
     except (OSError, ValueError) as problem:
         last.problems.append(f"{file.name}: {problem}")
     else:
         last.problems += [
-            f"{file.name}: {text}" for text in problems(getattr(importlib.import_module(module), name), found)
+            f"{file.name}: {text}" for text in problems(getattr(importlib.import_module(module), name), results)
         ]
-        last.skipped += [f"{key}: {reason}" for key, reason in _skipped(found)]
+        last.skipped += [f"{key}: {reason}" for key, reason in _skipped(results)]
     return outcomes
 
 
@@ -99,10 +99,10 @@ def run_again(files: list[list[Program]], before: dict[str, Outcome]) -> dict[st
         for module in _problems(before, programs):
             print(f"WARNING: {module} failed and runs again; the end of its first output:")
             print(_end_of_output(module), flush=True)
-        found = run_and_show(programs)
-        for module, outcome in found.items():
+        second = run_and_show(programs)
+        for module, outcome in second.items():
             outcome.first_run = before[module].problems
-        outcomes |= found
+        outcomes |= second
     return outcomes
 
 
@@ -115,11 +115,11 @@ def _end_of_output(module: str) -> str:
     return "\n".join(f"    {line}" for line in log.read_text().splitlines()[-LINES:])
 
 
-def _skipped(found: Any) -> list[tuple[str, str]]:
-    if not isinstance(found, dict):
+def _skipped(results: Any) -> list[tuple[str, str]]:
+    if not isinstance(results, dict):
         return []
     return [
-        (key, part["skipped"]) for key, part in found.items() if isinstance(part, dict) and set(part) == {"skipped"}
+        (key, part["skipped"]) for key, part in results.items() if isinstance(part, dict) and set(part) == {"skipped"}
     ]
 
 
@@ -137,7 +137,7 @@ def main() -> int:
     files.sort(key=lambda programs: -sum(program.seconds for program in programs))
     began = time.monotonic()
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        outcomes = {name: one for found in pool.map(run_and_show, files) for name, one in found.items()}
+        outcomes = {name: one for of_file in pool.map(run_and_show, files) for name, one in of_file.items()}
     if chosen.again:
         outcomes |= run_again([file for file in files if _problems(outcomes, file)], outcomes)
     summary = {module: asdict(outcome) for module, outcome in outcomes.items()}

@@ -42,8 +42,8 @@ class ErrorLog:
     def take(self) -> dict[str, list[str]]:
         """The lines since the last look, by node."""
         with self._lock:
-            found, self._lines = self._lines, {}
-        return found
+            taken, self._lines = self._lines, {}
+        return taken
 
 
 class AttackedGraph:

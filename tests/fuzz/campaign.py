@@ -195,21 +195,21 @@ class Campaign:
 
     def _discover(self) -> list[Target]:
         """All doors of the nodes: discovery brings them in several messages, so wait until nothing new comes."""
-        found: list[Target] = []
+        targets: list[Target] = []
         since = time.monotonic()
 
         def settled() -> bool:
-            nonlocal found, since
+            nonlocal targets, since
             try:
                 now = find_targets(self._connection.node, NODES, f"/{NAMESPACE}")
             except NodeNameNonExistentError:
                 now = []
-            if now != found:
-                found, since = now, time.monotonic()
-            return bool(found) and time.monotonic() - since > SETTLING_TIME
+            if now != targets:
+                targets, since = now, time.monotonic()
+            return bool(targets) and time.monotonic() - since > SETTLING_TIME
 
         self._wait(settled, "discovery")
-        return found
+        return targets
 
     def _ask(self, service: Any, name: str, request: Any, repeated: bool = False) -> Any:
         if name not in self._clients:
@@ -282,7 +282,7 @@ class Campaign:
 
 
 class _Note:
-    """Where a case writes down what it found."""
+    """Where a case writes its findings."""
 
     def __init__(self, outcome: Outcome, case: int, target: Target, message: Any) -> None:
         self._outcome, self._case, self._target, self._message = outcome, case, target, message

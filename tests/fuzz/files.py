@@ -89,19 +89,19 @@ def seeds(folder: Path) -> list[Path]:
     from tests.unit.conftest import LinearBearing
     from tests.written_bags import write_telemetry
 
-    found = [path for path in sorted(DATA.iterdir()) if path.suffix not in (".py", "")]
-    found += [path / f"{path.name}.mcap" for path in sorted(DATA.iterdir()) if path.is_dir()]
+    paths = [path for path in sorted(DATA.iterdir()) if path.suffix not in (".py", "")]
+    paths += [path / f"{path.name}.mcap" for path in sorted(DATA.iterdir()) if path.is_dir()]
     telemetry = write_telemetry(folder / "telemetry", [(1, BLOCK * number) for number in range(6)])
-    found += [telemetry / "telemetry_0.mcap", _database(folder / "database")]
+    paths += [telemetry / "telemetry_0.mcap", _database(folder / "database")]
     model = LinearBearing().model
     for ending in (".json", ".npz", ".mat"):
         model.save(folder / f"model{ending}")
-        found.append(folder / f"model{ending}")
+        paths.append(folder / f"model{ending}")
     data = read(telemetry).data
     for ending in (".csv", ".npz", ".mat"):
         write_data(data, folder / f"written{ending}")
-        found.append(folder / f"written{ending}")
-    return [path for path in found if path.stat().st_size < 1 << 20]
+        paths.append(folder / f"written{ending}")
+    return [path for path in paths if path.stat().st_size < 1 << 20]
 
 
 def _database(folder: Path) -> Path:
@@ -232,7 +232,7 @@ def attempt(jobs: Sequence[Job], spool: Path) -> Iterator[tuple[str, dict[str, s
 def _attempted(job: Job, spool: Path) -> dict[str, str]:
     from amb_core.ground.errors import AmbError
 
-    found = {}
+    faults = {}
     shown = ""
     before, path = _listed(spool), job.make()
     Path("/proc/self/clear_refs").write_text("5")
@@ -242,17 +242,17 @@ def _attempted(job: Job, spool: Path) -> dict[str, str]:
     except AmbError as problem:
         shown = str(problem)
     except BaseException:
-        found["tracebacks"] = traceback.format_exc()[-3000:]
+        faults["tracebacks"] = traceback.format_exc()[-3000:]
     peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
     if int(peak.split()[1]) << 10 > LARGEST:
-        found["over_limits"] = peak
+        faults["over_limits"] = peak
     if (taken := time.process_time() - began) > SECONDS:
-        found["over_limits"] = f"{taken:.0f} s"
+        faults["over_limits"] = f"{taken:.0f} s"
     if SECRET.decode() in shown or ", ".join(str(byte) for byte in SECRET[:6]) in shown:
-        found["escaped"] = shown[:200]
+        faults["escaped"] = shown[:200]
     if left := _listed(spool) - before:
-        found["escaped"] = f"left {left}"
-    return found
+        faults["escaped"] = f"left {left}"
+    return faults
 
 
 def _listed(folder: Path) -> set[str]:
@@ -282,7 +282,7 @@ def campaign(
     """Crafted files by name, and so many mutants, or as many as the time allows."""
     import amb_core.recording.recording  # noqa: F401
 
-    found, stop = Found(), time.monotonic() + 60.0 * minutes
+    tally, stop = Found(), time.monotonic() + 60.0 * minutes
     with tempfile.TemporaryDirectory(prefix="fuzz_files_") as name:
         folder, spool = Path(name) / "files", Path(name) / "spool"
         for part in (folder, spool):
@@ -299,22 +299,22 @@ def campaign(
                 jobs = [Job(f"{item}, {what}", lambda path=path: path, action) for what, action in actions.items()]
                 began = time.monotonic()
                 for name, outcome in attempt(jobs, spool):
-                    found.add(outcome, name, report)
+                    tally.add(outcome, name, report)
                 report(f"{item}: {time.monotonic() - began:.1f} s")
-                found.crafted += 1
+                tally.crafted += 1
                 path.unlink() if not path.is_dir() else shutil.rmtree(path)
             mutants = jobs_of_mutants(folder, count, seed)
             while batch := list(islice(mutants, BATCH)):
                 for name, outcome in attempt(batch, spool):
-                    found.add(outcome, name, report)
-                found.mutants = min(count, found.mutants + BATCH)
-                report(f"{found.mutants} mutants, {found.counts}")
+                    tally.add(outcome, name, report)
+                tally.mutants = min(count, tally.mutants + BATCH)
+                report(f"{tally.mutants} mutants, {tally.counts}")
                 if time.monotonic() > stop:
                     break
         finally:
             tempfile.tempdir = None
             del os.environ["TMPDIR"]
-    return found
+    return tally
 
 
 def write_results(counts: dict[str, Any], path: Path) -> None:
@@ -335,17 +335,17 @@ def main() -> int:
     names = list(CRAFTED) if chosen.only is None else chosen.only
     if chosen.quick:
         names, chosen.mutants = names[:QUICK], QUICK
-    found = campaign(chosen.mutants, chosen.seed, names, lambda line: print(line, flush=True), chosen.minutes)
-    print(json.dumps(found.counts))
+    tally = campaign(chosen.mutants, chosen.seed, names, lambda line: print(line, flush=True), chosen.minutes)
+    print(json.dumps(tally.counts))
     if chosen.only is None:
         others: dict[str, Any] = {"peers": peers.attack(chosen.quick)}
         with contextlib.suppress(Skipped):  # without Chromium
             others["pages"] = pages.open_payloads(chosen.quick)
         print(json.dumps(others))
-        write_results(found.counts | others, results_file("security.json", chosen.quick))
+        write_results(tally.counts | others, results_file("security.json", chosen.quick))
         blamed = [name for part in others.values() for name in part["names"]]
-        return 1 if found.blamed or blamed else 0
-    return 1 if found.blamed else 0
+        return 1 if tally.blamed or blamed else 0
+    return 1 if tally.blamed else 0
 
 
 if __name__ == "__main__":

@@ -66,10 +66,10 @@ def main() -> int:
             outcomes.append(attack(check_fields, chosen.seed, for_minutes(0.5 * chosen.minutes)))
         else:
             outcomes.append(attack(check_fields, chosen.seed, float, chosen.case))
-    found = summary(outcomes, chosen.seed)
-    results_file("fuzz.json", chosen.quick).write_text(json.dumps(found, indent=1) + "\n")
-    print(json.dumps({name: value for name, value in found.items() if name != "campaigns"}))
-    return 1 if found["deaths"] or found["internal_errors"] else 0
+    figures = summary(outcomes, chosen.seed)
+    results_file("fuzz.json", chosen.quick).write_text(json.dumps(figures, indent=1) + "\n")
+    print(json.dumps({name: value for name, value in figures.items() if name != "campaigns"}))
+    return 1 if figures["deaths"] or figures["internal_errors"] else 0
 
 
 if __name__ == "__main__":

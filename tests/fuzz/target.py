@@ -65,10 +65,10 @@ def main() -> int:
     options.add_argument("--jobs", type=int, default=2, help="processes, with seeds of their own")
     options.add_argument("--quick", action="store_true", help=f"{QUICK} frames, into results/quick")
     chosen = options.parse_args()
-    found = run(QUICK if chosen.quick else chosen.frames, chosen.seed, chosen.jobs)
-    results_file("target_fuzz.json", chosen.quick).write_text(json.dumps(found, indent=1) + "\n")
-    print(json.dumps(found))
-    return 1 if found["findings"] else 0
+    figures = run(QUICK if chosen.quick else chosen.frames, chosen.seed, chosen.jobs)
+    results_file("target_fuzz.json", chosen.quick).write_text(json.dumps(figures, indent=1) + "\n")
+    print(json.dumps(figures))
+    return 1 if figures["findings"] else 0
 
 
 if __name__ == "__main__":

@@ -71,18 +71,18 @@ def find_targets(node: Node, names: tuple[str, ...], namespace: str) -> list[Tar
     NodeNameNonExistentError
         If one of the nodes has not been discovered yet; it may answer requests before.
     """
-    found: dict[str, Target] = {}
+    targets: dict[str, Target] = {}
     topics: dict[str, tuple[Any, list[str]]] = {"/clock": (interface("rosgraph_msgs/msg/Clock"), [])}
     for name in names:
         for service, (kind, *_) in node.get_service_names_and_types_by_node(name, namespace):
-            found |= {target.name: target for target in _services(service, kind, name)}
+            targets |= {target.name: target for target in _services(service, kind, name)}
         for action, (kind, *_) in get_action_server_names_and_types_by_node(node, name, namespace):
-            found |= {target.name: target for target in _actions(action, interface(kind), name)}
+            targets |= {target.name: target for target in _actions(action, interface(kind), name)}
         for topic, (kind, *_) in node.get_subscriber_names_and_types_by_node(name, namespace):
             topics.setdefault(topic, (interface(kind), []))[1].append(name)
     for topic, (message_type, listeners) in topics.items():
-        found[topic] = Target("topic", topic, message_type, tuple(sorted(listeners)))
-    return [found[name] for name in sorted(found)]
+        targets[topic] = Target("topic", topic, message_type, tuple(sorted(listeners)))
+    return [targets[name] for name in sorted(targets)]
 
 
 def _services(service: str, kind: str, node: str) -> Iterator[Target]:

@@ -25,9 +25,9 @@ QUICK = (
 
 @pytest.mark.timeout(600)
 def test_no_file_ends_a_command_or_reads_elsewhere() -> None:
-    found = campaign(MUTANTS, 1, list(QUICK), print)
-    assert not found.blamed
-    assert (found.mutants, found.crafted) == (MUTANTS, len(QUICK))
+    tally = campaign(MUTANTS, 1, list(QUICK), print)
+    assert not tally.blamed
+    assert (tally.mutants, tally.crafted) == (MUTANTS, len(QUICK))
 
 
 def test_the_results_keep_what_others_wrote(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def linear_loop(steps: int, seed: int = 1) -> LoopRecord:
 
 
 class Loop:
-    """An identifier, and records that it hears as if a controller told them, each as a run of its own."""
+    """An identifier, and records that it hears as if a controller sent them, each as a run of its own."""
 
     def __init__(self, graph: Graph, parameter_timeout: float = 0.1) -> None:
         self.graph = graph
@@ -63,7 +63,7 @@ class Loop:
         graph.wait_until(lambda: self.status.get_subscription_count(), "the identifier")
         self._runs = itertools.count(1)
         self.heard: LoopRecord | None = None  # last
-        self._heard: tuple[str, str] | None = None  # run and step after the last, as the identifier tells them
+        self._heard: tuple[str, str] | None = None  # run and step after the last, as the identifier reports them
 
     def publish(self, record: LoopRecord, skip: tuple[int, ...] = (), block: int = BLOCK) -> int:
         """Publish a record; returns its run once the identifier has heard all of it."""

@@ -40,9 +40,9 @@ class LivePage:
         with self._output.open("w") as output:
             self.process = graph.start_command(command, stdout=output)
         graph.wait_until(lambda: ADDRESS.search(self.output) or self.process.poll() is not None, "the live page")
-        found = ADDRESS.search(self.output)
-        assert found, self.process.said
-        self.host, self.port, self.token = found[1], int(found[2]), found[3]
+        address = ADDRESS.search(self.output)
+        assert address, self.process.said
+        self.host, self.port, self.token = address[1], int(address[2]), address[3]
 
     @property
     def output(self) -> str:

@@ -93,7 +93,7 @@ def test_a_map_is_built_with_feedback_and_serves_the_preview(builder: MapBuilder
     assert built.provenance["controller"]["proportional_gain"] == 21_000.0
     assert repr(built) == repr(CoreMap.load(file)), "the message and the file hold the same map"
     assert all(Region.D in sweep.boundaries for sweep in built.sweeps)
-    assert [told.done for told in feedback] == sorted(told.done for told in feedback)
+    assert [report.done for report in feedback] == sorted(report.done for report in feedback)
     assert feedback[-1].done == feedback[-1].total == 3
     assert list(feedback[-1].map.frequency_d) == list(result.map.frequency_d)
     builder.graph.wait_until(lambda: builder.maps, "the map on its topic")
@@ -141,7 +141,7 @@ def test_a_cancelled_map_keeps_its_finished_sweeps(builder: MapBuilder) -> None:
         again = amb.build_map(
             builder.parameter_file,
             progress=seen.append,
-            cancelled=lambda: any(told.reused >= kept for told in seen),
+            cancelled=lambda: any(report.reused >= kept for report in seen),
             **SMALL_MAP | {"amplitude_low": 30e-6, "initial_sweeps": 40, "max_sweeps": 40},
         )
     assert kept <= len(again.sweeps) < 40

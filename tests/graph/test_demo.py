@@ -16,8 +16,8 @@ from amb_core.recording import Recording
 @pytest.mark.timeout(600)
 def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path, domain):
     parameter_file = share_folder("amb_bringup") / "config" / "paper.yaml"
-    told: set[str] = set()
-    summary = run_demo(tmp_path, parameter_file, domain, lambda name, _done, _total: told.add(name))
+    names: set[str] = set()
+    summary = run_demo(tmp_path, parameter_file, domain, lambda name, _done, _total: names.add(name))
     assert summary.bit_identical
     assert summary.processes == 6
     assert summary.closed_loop_natural_hz == pytest.approx(63.0, abs=3.0)
@@ -37,4 +37,4 @@ def test_demo_reaches_its_numbers_and_leaves_its_results(tmp_path, domain):
     np.testing.assert_array_equal(recorded.a, StateSpaceModel.load(tmp_path / "model.json").a)
     assert (tmp_path / "orbit.png").stat().st_size > 10_000
     assert (tmp_path / "response.png").stat().st_size > 10_000
-    assert {"small step", "square waves", "identification, pem", "figures"} <= told
+    assert {"small step", "square waves", "identification, pem", "figures"} <= names

@@ -86,9 +86,9 @@ def bridge(graph: Graph) -> Iterator[tuple[Any, str]]:
     with output.open("w") as stream:
         process = graph.start_command(command, stdout=stream)
     graph.wait_until(lambda: "ws://" in output.read_text() or process.poll() is not None, "the bridge")
-    found = re.search(r"ws://127\.0\.0\.1:\d+", output.read_text())
-    assert found, process.said
-    yield process, found[0]
+    match = re.search(r"ws://127\.0\.0\.1:\d+", output.read_text())
+    assert match, process.said
+    yield process, match[0]
 
 
 def test_a_viewer_sees_the_samples_of_the_loop_bit_for_bit_and_the_bridge_ends_on_ctrl_c(

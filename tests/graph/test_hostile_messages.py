@@ -172,14 +172,14 @@ def test_a_position_that_would_spoil_the_law_is_reported_and_leaves_no_trace(wir
     run = wires.new_run()
     expected = [wires.answer(run, step, 1e-6 * step).current[0] for step in range(3)]
     run = wires.new_run()
-    found = [wires.answer(run, 0).current[0], wires.answer(run, 1, 1e-6).current[0]]
+    answers = [wires.answer(run, 0).current[0], wires.answer(run, 1, 1e-6).current[0]]
     wires.tell(run, 2, x)
     wires.graph.wait_until(lambda: wires.health("pd_controller").level == DiagnosticStatus.ERROR, "the error")
     health = wires.health("pd_controller")
     assert f"at step 2 of run {run} is not answered; allowed: finite values up to 1 m" in health.message
-    found.append(wires.answer(run, 2, 2e-6).current[0])
-    assert found == expected
-    assert 0.0 < abs(found[-1]) < LIMIT
+    answers.append(wires.answer(run, 2, 2e-6).current[0])
+    assert answers == expected
+    assert 0.0 < abs(answers[-1]) < LIMIT
     wires.answer(wires.new_run(), 0)
     wires.graph.wait_until(lambda: wires.health("pd_controller").level == DiagnosticStatus.OK, "the end of the error")
 

@@ -115,9 +115,9 @@ def test_a_parameter_file_names_the_controller(loop: Loop, record: LoopRecord, t
     paper.write_text("/amb/pd_controller: {ros__parameters: {proportional_gain: 20000.0, telemetry_block: 10}}\n")
     other.write_text("/amb/pd_controller: {ros__parameters: {proportional_gain: 30000.0}}\n")
     expected = loop.identify(order=4)
-    found = loop.identify(order=4, controller=str(paper))
-    assert found.success, found.message
-    assert found.model.fit == expected.model.fit
+    named = loop.identify(order=4, controller=str(paper))
+    assert named.success, named.message
+    assert named.model.fit == expected.model.fit
     assert loop.identify(order=4, controller=str(other)).model.fit != expected.model.fit
     assert loop.validate(controller=str(other)).fit != loop.validate(controller=str(paper)).fit
 
@@ -254,16 +254,16 @@ def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhil
     loop: Loop, long: StateSpaceModel
 ) -> None:
     handle, feedback = loop.send()
-    while not any(told.stage == "pem" for told in feedback):
+    while not any(report.stage == "pem" for report in feedback):
         assert loop.get_model().model == long
         assert handle.status < SUCCEEDED, "still at work"
     assert loop.validate(first_step=2_000, steps=2_000).success
     assert handle.status < SUCCEEDED, "validation does not wait for the end of the identification"
-    stages = list(dict.fromkeys(told.stage for told in feedback))
+    stages = list(dict.fromkeys(report.stage for report in feedback))
     assert stages[:3] == ["checks", "subspace", "pem"]
-    costs = [told.cost for told in feedback if told.stage == "pem"]
+    costs = [report.cost for report in feedback if report.stage == "pem"]
     assert costs == sorted(costs, reverse=True)
-    assert all(told.done <= told.total for told in feedback)
+    assert all(report.done <= report.total for report in feedback)
 
     waiting, _ = loop.send()
     loop.graph.cancel(waiting)
@@ -279,25 +279,27 @@ def test_the_action_tells_how_far_it_is_and_other_services_are_answered_meanwhil
 
 
 def test_the_client_shows_progress_and_cancels(loop: Loop, long: StateSpaceModel) -> None:
-    told: list[IdentificationProgress] = []
+    reports: list[IdentificationProgress] = []
     with AmbClient(domain_id=loop.graph.domain, timeout=TIMEOUT) as amb:
-        model = amb.identify(order=4, first_step=2_000, steps=4_000, progress=told.append, controller=PAPER)
+        model = amb.identify(order=4, first_step=2_000, steps=4_000, progress=reports.append, controller=PAPER)
         assert (model.order, model.samples) == (4, 4_000)
-        assert {"checks", "subspace", "pem", "validation"} <= {progress.stage for progress in told}
+        assert {"checks", "subspace", "pem", "validation"} <= {progress.stage for progress in reports}
         np.testing.assert_array_equal(amb.get_model().a, model.a)
         assert amb.validate(first_step=7_000, steps=4_000, controller=PAPER).validated
-        told.clear()
+        reports.clear()
         with pytest.raises(ClientError, match="identification cancelled in"):
-            amb.identify(progress=told.append, cancelled=lambda: bool(told), controller=PAPER)
+            amb.identify(progress=reports.append, cancelled=lambda: bool(reports), controller=PAPER)
 
 
 def test_a_signal_ends_the_node_in_the_middle_of_an_identification(loop: Loop, long: StateSpaceModel) -> None:
     _, feedback = loop.send()
-    loop.graph.wait_until(lambda: any(told.stage == "subspace" for told in feedback), "work that cannot be broken off")
+    loop.graph.wait_until(
+        lambda: any(report.stage == "subspace" for report in feedback), "work that cannot be broken off"
+    )
     code, errors = loop.graph.stop(loop.process, signal.SIGINT)
     assert code == 0, errors
     assert "Traceback" not in errors
-    assert {told.stage for told in feedback} <= {"checks", "subspace"}, "it did not go on with the work"
+    assert {report.stage for report in feedback} <= {"checks", "subspace"}, "it did not go on with the work"
 
 
 def test_the_controller_is_asked_for_its_parameters(graph: Graph, record: LoopRecord) -> None:

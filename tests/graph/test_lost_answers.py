@@ -139,7 +139,7 @@ def test_a_client_that_has_used_an_action_leaves_the_graph_when_it_closes(graph:
 
 @pytest.mark.slow
 def test_a_service_waits_for_a_client_that_is_not_matched_yet(graph: Graph) -> None:
-    """By its quality of service this client is never matched, so the service waits as long as it is told to."""
+    """By its quality of service this client is never matched, so the service waits as long as its parameter demands."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
     waited: list[float] = []
     service = graph.node.create_service(GetModel, "/half", lambda _, response: response)

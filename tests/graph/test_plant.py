@@ -1,4 +1,4 @@
-"""The plant behind the simulator: what plant_state tells of it, resets to other parameters, touch-downs."""
+"""The plant behind the simulator: what plant_state reports of it, resets to other parameters, touch-downs."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def test_parameters_show_the_values_of_the_reset_and_stay_read_only(loop: Bearin
 
     def changes() -> list[list[str]]:
         changed = [sorted(parameter.name for parameter in event.changed_parameters) for event in events]
-        return [found for found in changed if found]
+        return [names for names in changed if names]
 
     graph.wait_until(changes, "the parameter event")
     assert changes() == [sorted(names)]

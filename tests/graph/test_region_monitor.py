@@ -68,8 +68,8 @@ class Loop:
             self.telemetry.publish(fill_loop_samples(LoopSamples(), AxisSamples, run, part))
 
 
-def told(states: Classification) -> list[Any]:
-    """The states that the monitor must tell of those that the library finds: changes, and one a period."""
+def reported(states: Classification) -> list[Any]:
+    """The states that the monitor must report of those that the library finds: changes, and one a period."""
     chosen, last = [], None
     for state in states.states:
         marks = (
@@ -113,7 +113,7 @@ class LiveSweep:
         stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=self.run, wait_for_step=self.end)
         assert stopped.success, stopped.message
         self.record = bearing.record(self.run, self.end)
-        self.expected = told(classify(self.record, delevitated=True))
+        self.expected = reported(classify(self.record, delevitated=True))
 
 
 def live_sweep(graph: Graph) -> LiveSweep:
@@ -245,7 +245,7 @@ def monitored(share: Any) -> Monitored:
 
 def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: LoopRecord) -> None:
     runs = {monitored.play(drifting, block=block): block for block in (100, 37, 5_000)}
-    expected = told(classify(drifting))
+    expected = reported(classify(drifting))
     assert expected[-1].region == Region.B
     for run, block in runs.items():
         messages = monitored.listener.wait_for(run, drifting.steps - 1)
@@ -257,7 +257,7 @@ def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, dri
     parts = drifting.window(0, 5_000), drifting.window(6_000, 9_000)
     run = monitored.play(*parts)
     messages = monitored.listener.wait_for(run, drifting.steps - 1)
-    expected = [state for part in parts for state in told(classify(part))]
+    expected = [state for part in parts for state in reported(classify(part))]
     assert len(messages) == len(expected)
     assert all(map(same, messages, expected))
     assert messages[-1].region == Region.B
@@ -278,7 +278,7 @@ def test_samples_that_are_not_finite_are_reported_and_left_out(monitored: Monito
     monitored.bearing.graph.wait_until(refused, "the refused block on /diagnostics")
     run = monitored.play(drifting)
     assert monitored.listener.wait_for(run, drifting.steps - 1)[-1].region == Region.B
-    assert all(map(same, monitored.listener.of(run), told(classify(drifting)))), "the next run is not touched"
+    assert all(map(same, monitored.listener.of(run), reported(classify(drifting)))), "the next run is not touched"
 
 
 # -- the machine
@@ -307,7 +307,7 @@ def test_telemetry_waits_for_its_machine_and_is_judged_by_its_clearances(graph: 
     machine = machine_of(PlantParameters(rotor=RotorParameters(model="rigid", backup_bearing_radius=200e-6)))
     machines.publish(machine_message(machine))
     messages = listener.wait_for(1, touching.steps - 1)
-    expected = told(classify(touching, machine=machine))
+    expected = reported(classify(touching, machine=machine))
     assert len(messages) == len(expected)
     assert all(map(same, messages, expected))
     assert [(part.name, part.region) for part in messages[-1].bearings] == [("a", Region.A), ("b", Region.D)]

@@ -234,8 +234,8 @@ def wait_for_errors(loop: Bearing, text: str, nodes: set[str]) -> None:
     loop.diagnostics.clear()
 
     def reporting() -> set[str]:
-        found = [status for status in list(loop.diagnostics) if text in status.message]
-        return {status.name for status in found if status.level == DiagnosticStatus.ERROR}
+        statuses = [status for status in list(loop.diagnostics) if text in status.message]
+        return {status.name for status in statuses if status.level == DiagnosticStatus.ERROR}
 
     loop.graph.wait_until(lambda: reporting() >= nodes, f"'{text}' from {nodes}")
 
@@ -277,8 +277,8 @@ def test_two_recorders_are_an_error_of_both_and_neither_claims_that_nothing_is_r
     text = "2 nodes are named /amb/recorder: process"
 
     def both_report() -> bool:
-        found = [status for status in recorded.diagnostics if text in status.message]
-        processes = {item.value.split()[1] for status in found for item in status.values if item.key == "instance"}
+        statuses = [status for status in recorded.diagnostics if text in status.message]
+        processes = {item.value.split()[1] for status in statuses for item in status.values if item.key == "instance"}
         return processes == {str(first.pid), str(rival.pid)}
 
     recorded.graph.wait_until(both_report, "an error of both recorders")

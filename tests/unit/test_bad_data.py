@@ -52,8 +52,8 @@ def test_a_single_missing_row_is_found() -> None:
     record, _ = draw_record(np.random.default_rng(13), 4_000, axes=1)
     kept = np.arange(4_000) != 1_700
     signals = {name: getattr(record, name)[kept] for name in ("reference", "position", "current")}
-    found = check_data(IdentificationData.from_record(replace(record, **signals)), 4).finding("missing")
-    assert found.severity is Severity.WARNING and f"step {record.first_step + 1_700}" in found.where
+    finding = check_data(IdentificationData.from_record(replace(record, **signals)), 4).finding("missing")
+    assert finding.severity is Severity.WARNING and f"step {record.first_step + 1_700}" in finding.where
 
 
 def test_identify_and_validate_name_an_outlier() -> None:
@@ -61,11 +61,11 @@ def test_identify_and_validate_name_an_outlier() -> None:
     position = record.position.copy()
     position[1_000] += 1e-3
     bad = replace(record, position=position)
-    found = identify(record, 5, "ssarx", loop.controller)
-    assert found.report.finding("outliers").severity is Severity.INFO
+    identification = identify(record, 5, "ssarx", loop.controller)
+    assert identification.report.finding("outliers").severity is Severity.INFO
     report = identify(bad, 5, "ssarx", loop.controller).report
     assert f"x step {record.first_step + 1_000}" in report.finding("outliers").where
-    failed = validate(found.model, IdentificationData.from_record(bad), loop.controller).failed
+    failed = validate(identification.model, IdentificationData.from_record(bad), loop.controller).failed
     assert any(f"outliers: x step {record.first_step + 1_000}" in one.finding for one in failed)
 
 

@@ -133,9 +133,9 @@ def test_plotjuggler_gets_a_standard_message_for_each_sample(tmp_path: Path) -> 
     record = samples(5)
     bag = write_bag(tmp_path / "bag", record, whole(1000))
     path = export(bag, tmp_path / "run_plotjuggler.mcap")
-    found = Recording.read(path)
-    assert {topic.type.split("/")[0] for topic in found.topics} <= {"sensor_msgs", "std_msgs"}
-    messages = list(found.timed_messages_of("/amb/loop"))
+    recording = Recording.read(path)
+    assert {topic.type.split("/")[0] for topic in recording.topics} <= {"sensor_msgs", "std_msgs"}
+    messages = list(recording.timed_messages_of("/amb/loop"))
     assert len(messages) == 1000
     time, message = messages[999]
     assert time == 99_900_000
@@ -149,11 +149,11 @@ def test_plotjuggler_gets_a_standard_message_for_each_sample(tmp_path: Path) -> 
 def test_arrays_for_plotjuggler_are_never_empty(topics: tuple[str, ...], tmp_path: Path) -> None:
     """Before its pull request 927 it reads as many values of each array as there are joints."""
     bag = write_bag(tmp_path / "bag", samples(5), whole(1000))
-    found = Recording.read(export(bag, tmp_path / "run_plotjuggler.mcap", topics))
-    joints = [topic.name for topic in found.topics if topic.type == "sensor_msgs/msg/JointState"]
+    recording = Recording.read(export(bag, tmp_path / "run_plotjuggler.mcap", topics))
+    joints = [topic.name for topic in recording.topics if topic.type == "sensor_msgs/msg/JointState"]
     assert joints
     for name in joints:
-        message = next(iter(found.messages_of(name)))
+        message = next(iter(recording.messages_of(name)))
         sizes = {len(array) for array in (message.name, message.position, message.velocity, message.effort)}
         assert sizes == {5}
         assert np.isnan(message.velocity).all()
@@ -177,16 +177,16 @@ def test_foxglove_gets_a_field_for_each_axis(axes: int, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", record, whole(1000))
     path = export(bag, tmp_path / "run_foxglove.mcap")
     with AnyReader([path]) as reader:  # definitions are in the file
-        found = [
+        messages = [
             (time, reader.deserialize(data, connection.msgtype))
             for connection, time, data in reader.messages()
             if connection.topic == "/amb/telemetry"
         ]
-    assert [message.step for _, message in found] == list(range(1000))
-    assert [time for time, _ in found] == list(range(0, 100_000_000, 100_000))
+    assert [message.step for _, message in messages] == list(range(1000))
+    assert [time for time, _ in messages] == list(range(0, 100_000_000, 100_000))
     for index, axis in enumerate(record.axes):
         for name in ("reference", "position", "current"):
-            values = np.array([getattr(getattr(message, axis), name) for _, message in found])
+            values = np.array([getattr(getattr(message, axis), name) for _, message in messages])
             assert values.tobytes() == np.ascontiguousarray(getattr(record, name)[:, index]).tobytes()
 
 
@@ -212,8 +212,8 @@ def test_the_spectrum_shows_the_peak_amplitude_of_a_line(tmp_path: Path) -> None
     assert spectra[0].frequency[largest] == pytest.approx(1000.0, rel=0.02)  # upper end of the range of the point
     assert spectra[0].x[largest] == pytest.approx(3e-5, rel=0.15)  # a line between two bins of a Hann window
     assert spectra[0].y[largest] == pytest.approx(3e-6, rel=0.15)
-    found = Recording.read(export(bag, tmp_path / "a_plotjuggler.mcap", ("spectrum",)))
-    assert max(message.data for message in found.messages_of("/amb/spectrum/x")) == pytest.approx(3e-5, rel=0.15)
+    recording = Recording.read(export(bag, tmp_path / "a_plotjuggler.mcap", ("spectrum",)))
+    assert max(message.data for message in recording.messages_of("/amb/spectrum/x")) == pytest.approx(3e-5, rel=0.15)
 
 
 # -- what may go wrong
@@ -276,8 +276,8 @@ def test_memory_does_not_grow_with_the_recording(name: str, tmp_path: Path) -> N
 
 
 def run(*arguments: str) -> tuple[int, str]:
-    found = CliRunner().invoke(app, ["bag", "export", *arguments])
-    return found.exit_code, str(found.exception or "") + found.output
+    result = CliRunner().invoke(app, ["bag", "export", *arguments])
+    return result.exit_code, str(result.exception or "") + result.output
 
 
 def test_the_command_writes_beside_the_bag_and_overwrites_only_if_told(tmp_path: Path) -> None:

@@ -124,8 +124,8 @@ def test_what_a_full_disk_does_not_take_is_counted_exactly(tmp_path: Path) -> No
         bag.close()
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    found = Recording.read(tmp_path / "bag")
-    assert found.truncated
-    assert found.messages == bag.messages > 200
-    assert bag.dropped == {"/state": Loss(500 - found.messages, 500 - found.messages)}
+    kept = Recording.read(tmp_path / "bag")
+    assert kept.truncated
+    assert kept.messages == bag.messages > 200
+    assert bag.dropped == {"/state": Loss(500 - kept.messages, 500 - kept.messages)}
     assert "cannot be written: File too large; not in the bag: " in bag.trouble

@@ -124,8 +124,8 @@ def test_excitations_are_those_of_the_run(tmp_path: Path) -> None:
         writer.write("/rig/excitation_status", status(2, 50, 500), 2)
         writer.write("/rig/excitation_status", status(2, 70, 500, accepted=False), 3)
         writer.write("/rig/telemetry", block(2, 0), 4)
-    found = Recording.read(tmp_path / "bag").excitations()
-    assert [(item.first_step, item.steps, item.accepted) for item in found] == [(50, 500, True), (70, 500, False)]
+    excitations = Recording.read(tmp_path / "bag").excitations()
+    assert [(item.first_step, item.steps, item.accepted) for item in excitations] == [(50, 500, True), (70, 500, False)]
 
 
 def test_states_of_the_plant_come_back_as_arrays_by_step_and_bearing(tmp_path: Path) -> None:
@@ -376,17 +376,22 @@ def test_telemetry_of_version_0_1_is_read(tmp_path: Path) -> None:
 
 
 def test_the_index_shows_what_a_bag_holds_without_its_messages(bag_folder: Path, monkeypatch) -> None:
-    found = Recording.read(bag_folder)
+    recording = Recording.read(bag_folder)
     monkeypatch.setattr("amb_core.recording.storage.McapStorage.messages", None)  # nothing reads them
     shown = read_overview(bag_folder)
-    assert (shown.topics, shown.duration, shown.messages, shown.damage) == (found.topics, found.duration, 50, "")
+    assert (shown.topics, shown.duration, shown.messages, shown.damage) == (
+        recording.topics,
+        recording.duration,
+        50,
+        "",
+    )
 
 
 def test_a_bag_without_an_index_is_counted(bag_folder: Path) -> None:
     (file,) = bag_folder.glob("*.mcap")
     file.write_bytes(file.read_bytes()[:-2_000])
-    found, shown = Recording.read(bag_folder), read_overview(bag_folder)
-    assert (shown.topics, shown.duration, shown.damage) == (found.topics, found.duration, found.truncated)
+    recording, shown = Recording.read(bag_folder), read_overview(bag_folder)
+    assert (shown.topics, shown.duration, shown.damage) == (recording.topics, recording.duration, recording.truncated)
     assert "incomplete" in shown.damage
 
 

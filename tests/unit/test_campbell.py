@@ -61,13 +61,13 @@ def test_branches_follow_a_mode_through_a_crossing(diagram):
 
 def test_critical_speeds_are_those_of_the_closed_form(diagram):
     """1x: f = Omega in f^2 - rho Omega f - f_0^2 = 0 is f_0 / sqrt(1 - rho) forward; backward f_0 / sqrt(1 + rho)."""
-    found = {item.kind: item for item in diagram.critical_speeds}
-    assert found["nutation"].speed == pytest.approx(TILT / np.sqrt(1.0 - RATIO), rel=1e-3)
-    assert found["precession"].speed == pytest.approx(TILT / np.sqrt(1.0 + RATIO), rel=1e-3)
-    assert found["translation"].speed == pytest.approx(TRANSLATING, rel=1e-9)
-    assert found["translation"].rpm == pytest.approx(2700.0)
-    assert found["nutation"].amplification == pytest.approx(0.5 / ZETA)
-    assert not found["nutation"].critically_damped
+    critical = {item.kind: item for item in diagram.critical_speeds}
+    assert critical["nutation"].speed == pytest.approx(TILT / np.sqrt(1.0 - RATIO), rel=1e-3)
+    assert critical["precession"].speed == pytest.approx(TILT / np.sqrt(1.0 + RATIO), rel=1e-3)
+    assert critical["translation"].speed == pytest.approx(TRANSLATING, rel=1e-9)
+    assert critical["translation"].rpm == pytest.approx(2700.0)
+    assert critical["nutation"].amplification == pytest.approx(0.5 / ZETA)
+    assert not critical["nutation"].critically_damped
     speeds = [item.speed for item in diagram.critical_speeds]
     assert speeds == sorted(speeds)
 

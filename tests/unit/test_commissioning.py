@@ -65,9 +65,9 @@ def record_of(position: np.ndarray, reference: np.ndarray | None = None) -> Loop
 
 def test_the_model_of_the_paper_bearing_is_expected_as_it_is_known(expected: Expected) -> None:
     """62.7 Hz and 0.492 on x; a gain above one, since the magnets pull the rotor on; 1.36 A against the weight."""
-    found = fit_second_order(np.arange(6.0, 170.0, 0.5), expected.response(np.arange(6.0, 170.0, 0.5), 0))
-    assert found.natural_hz == pytest.approx(62.7, abs=0.2)
-    assert found.damping_ratio == pytest.approx(0.492, abs=0.005)
+    resonance = fit_second_order(np.arange(6.0, 170.0, 0.5), expected.response(np.arange(6.0, 170.0, 0.5), 0))
+    assert resonance.natural_hz == pytest.approx(62.7, abs=0.2)
+    assert resonance.damping_ratio == pytest.approx(0.492, abs=0.005)
     assert np.diag(expected.gain) == pytest.approx([1.357, 1.389], abs=0.005)
     assert expected.current == pytest.approx([0.0, 1.363], abs=0.005)
     assert expected.unstable_poles == 2
@@ -81,10 +81,10 @@ def test_gains_at_rest_are_measured_from_steps_of_the_full_plant(expected: Expec
     parts = [
         record.window(2_000 + part.first - 1, part.stop - part.first + 2) for part in parts_of("in_turn", signal.steps)
     ]
-    found = static_response(parts)
-    assert found.gain == pytest.approx(expected.gain, abs=0.01)
+    response = static_response(parts)
+    assert response.gain == pytest.approx(expected.gain, abs=0.01)
     law = 20_000.0 * (np.eye(2) - expected.gain)
-    assert found.current == pytest.approx(law, abs=200.0)
+    assert response.current == pytest.approx(law, abs=200.0)
 
 
 def test_a_reference_that_does_not_step_determines_no_gain() -> None:
@@ -97,10 +97,10 @@ def test_the_resonance_is_that_of_the_loop_that_was_swept(expected: Expected) ->
     samples = generate(signal, RATE, MACHINE).samples[: round(5.0 * RATE)]
     reference = np.vstack([samples, np.zeros((3_000, 2))])
     position = respond(expected.loop, reference)
-    found = closed_loop(record_of(position, reference), 0, (5.0, 200.0))
-    truth = fit_second_order(found.frequency, expected.response(found.frequency, 0))
-    assert found.resonance.natural_hz == pytest.approx(truth.natural_hz, rel=0.005)
-    assert found.resonance.damping_ratio == pytest.approx(truth.damping_ratio, abs=0.005)
+    response = closed_loop(record_of(position, reference), 0, (5.0, 200.0))
+    truth = fit_second_order(response.frequency, expected.response(response.frequency, 0))
+    assert response.resonance.natural_hz == pytest.approx(truth.natural_hz, rel=0.005)
+    assert response.resonance.damping_ratio == pytest.approx(truth.damping_ratio, abs=0.005)
 
 
 # -- the rotor at rest

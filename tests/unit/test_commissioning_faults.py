@@ -70,9 +70,9 @@ def test_amplitudes_of_tones_are_found_beside_noise_and_drift() -> None:
     current = np.column_stack([tones.waveform(2_000, RATE), np.zeros(2_000)])
     drift = 1e-6 * np.linspace(0.0, 1.0, 2_000) ** 2
     position = -3e-7 * current + drift[:, np.newaxis] + 1e-8 * draw.standard_normal((2_000, 2))
-    found = response_to(tones, LoopRecord(0, 1.0 / RATE, np.zeros_like(position), position, current))
-    ratio = found.position[:, 0] / found.current[:, 0]
-    assert np.abs(ratio + 3e-7).max() < 5.0 * found.deviation[0] / np.abs(found.current[:, 0]).min()
+    response = response_to(tones, LoopRecord(0, 1.0 / RATE, np.zeros_like(position), position, current))
+    ratio = response.position[:, 0] / response.current[:, 0]
+    assert np.abs(ratio + 3e-7).max() < 5.0 * response.deviation[0] / np.abs(response.current[:, 0]).min()
 
 
 def test_mains_and_noise_are_told_apart() -> None:
@@ -104,5 +104,5 @@ def test_a_rotor_moved_by_hand_shows_what_its_sensors_are(matrix: list, fault: t
             for way, place in ways.items()
         }
     }
-    found: list[Finding] = hand_findings(pushed, MACHINE)
-    assert [(one.fault, one.axes) for one in found] == ([] if fault is None else [fault])
+    findings: list[Finding] = hand_findings(pushed, MACHINE)
+    assert [(one.fault, one.axes) for one in findings] == ([] if fault is None else [fault])

@@ -42,12 +42,12 @@ def spans(data: IdentificationData) -> list[tuple[int, int]]:
 
 
 def test_a_record_of_the_loop_becomes_an_experiment_and_comes_back() -> None:
-    found = data()
-    assert (found.input_names, found.input_units) == (("i_x", "i_y"), ("A", "A"))
-    assert (found.output_names, found.output_units) == (("x", "y"), ("m", "m"))
-    assert np.array_equal(found.experiments[0].inputs, record().current)
-    assert found.record().identical_to(record())
-    assert found.time() == pytest.approx(record().time, rel=1e-15)
+    dataset = data()
+    assert (dataset.input_names, dataset.input_units) == (("i_x", "i_y"), ("A", "A"))
+    assert (dataset.output_names, dataset.output_units) == (("x", "y"), ("m", "m"))
+    assert np.array_equal(dataset.experiments[0].inputs, record().current)
+    assert dataset.record().identical_to(record())
+    assert dataset.time() == pytest.approx(record().time, rel=1e-15)
 
 
 def test_slices_by_step_and_by_time_are_the_same() -> None:
@@ -215,10 +215,10 @@ def test_decimation_lets_nothing_fold_back(factor: int) -> None:
 
 
 def test_decimation_leaves_trends_alone() -> None:
-    found = decimate(detrend(data(4_000), "linear"), 5)
+    decimated = decimate(detrend(data(4_000), "linear"), 5)
     original = record(4_000)
-    rows = np.searchsorted(original.time, found.time() - 1e-9)
-    np.testing.assert_allclose(restore(found).record().position, original.position[rows], rtol=1e-9)
+    rows = np.searchsorted(original.time, decimated.time() - 1e-9)
+    np.testing.assert_allclose(restore(decimated).record().position, original.position[rows], rtol=1e-9)
 
 
 @pytest.mark.parametrize("factor", [0, 1, 2.5, 1_001])
@@ -276,11 +276,11 @@ def test_a_linear_relation_survives_decimation() -> None:
     slow = np.repeat(rng.normal(size=500), 40)
     system = dlti([0.02], [1.0, -0.98], dt=SAMPLE_TIME)
     _, y = dlsim(system, slow)
-    found = decimate(IdentificationData.from_arrays(slow, y, SAMPLE_TIME), 4).experiments[0]
-    rows = np.arange(1, found.steps)
+    decimated = decimate(IdentificationData.from_arrays(slow, y, SAMPLE_TIME), 4).experiments[0]
+    rows = np.arange(1, decimated.steps)
     coefficients, *_ = np.linalg.lstsq(
-        np.column_stack([found.outputs[rows - 1], found.inputs[rows - 1], found.inputs[rows]]),
-        found.outputs[rows],
+        np.column_stack([decimated.outputs[rows - 1], decimated.inputs[rows - 1], decimated.inputs[rows]]),
+        decimated.outputs[rows],
         rcond=None,
     )
     assert coefficients[0, 0] == pytest.approx(0.98**4, abs=2e-3)

@@ -125,8 +125,8 @@ def test_values_that_are_not_finite_are_found_and_the_rest_is_judged() -> None:
 def test_gaps_are_listed_and_short_ones_counted() -> None:
     data = open_loop()
     parts = merge([data.window(0, 1_000), data.window(1_010, 2_000), data.window(2_500, 3_000)])
-    found = "2 gaps of 510 samples in all, 1 of them shorter than 100"
-    assert_finding(check_gaps(parts), WARNING, "steps 1000 to 1009, steps 2000 to 2499", found)
+    what = "2 gaps of 510 samples in all, 1 of them shorter than 100"
+    assert_finding(check_gaps(parts), WARNING, "steps 1000 to 1009, steps 2000 to 2499", what)
     assert_finding(check_gaps(data), INFO)
 
 
@@ -263,8 +263,8 @@ def test_false_alarms_of_feedback_are_as_rare_as_stated() -> None:
 
 @pytest.mark.parametrize("delay", [1, 2])
 def test_the_delay_is_found_in_open_loop(delay: int) -> None:
-    found = check_delay(open_loop(delay=delay), feedback=False)
-    assert_finding(found, INFO, f"u1 to y1 {delay}, y2 {delay}; u2 to y1 none, y2 {delay}")
+    finding = check_delay(open_loop(delay=delay), feedback=False)
+    assert_finding(finding, INFO, f"u1 to y1 {delay}, y2 {delay}; u2 to y1 none, y2 {delay}")
 
 
 def test_dead_time_and_direct_feedthrough_say_how_to_move_the_inputs() -> None:

@@ -16,5 +16,5 @@ def test_the_examples_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     for example in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE):
         exec(example, names)
     printed = capsys.readouterr().out
-    assert "Gap(source='multisine', first_step=2500, stop=3000)" in printed
+    assert "DataGap(source='multisine', first_step=2500, stop=3000)" in printed
     assert "info    region" in printed

@@ -270,12 +270,12 @@ LAB = "t [s],cur_x_A,cur_y_A,pos_x_m,pos_y_m,ref_x_m,temperature\n" + "\n".join(
 
 def test_signals_get_the_names_and_units_that_a_description_gives(tmp_path: Path) -> None:
     path = write_text(tmp_path / "lab.csv", LAB)
-    found = read(path, inputs="i_x=cur_x_A,i_y=cur_y_A", outputs="x=pos_x_m,y=pos_y_m", controller="none")
-    assert (found.data.input_names, found.data.output_names) == (("i_x", "i_y"), ("x", "y"))
-    assert (found.data.input_units, found.data.output_units) == (("A", "A"), ("m", "m"))
-    assert found.described is not None
+    loop = read(path, inputs="i_x=cur_x_A,i_y=cur_y_A", outputs="x=pos_x_m,y=pos_y_m", controller="none")
+    assert (loop.data.input_names, loop.data.output_names) == (("i_x", "i_y"), ("x", "y"))
+    assert (loop.data.input_units, loop.data.output_units) == (("A", "A"), ("m", "m"))
+    assert loop.described is not None
     assert "columns not used: ref_x_m, temperature; if one is the setpoint: --reference, one for each output" in (
-        found.described.notes
+        loop.described.notes
     )
     scaled = read(path, inputs="i_x=cur_x_A", outputs="x=pos_x_m", units="x=um", controller="none").data
     assert scaled.experiments[0].outputs.max() == pytest.approx(4e-6)
@@ -291,10 +291,12 @@ def test_an_axis_in_brackets_is_no_unit(tmp_path: Path) -> None:
 
 def test_a_description_is_proposed_never_assumed(tmp_path: Path) -> None:
     path = write_text(tmp_path / "lab.csv", LAB)
-    with pytest.raises(UndescribedError, match="perhaps --inputs i_x=cur_x_A,i_y=cur_y_A --outputs x=pos_x_m") as found:
+    with pytest.raises(
+        UndescribedError, match="perhaps --inputs i_x=cur_x_A,i_y=cur_y_A --outputs x=pos_x_m"
+    ) as refusal:
         read(path)
-    assert found.value.proposal is not None
-    found.value.proposal.save(tmp_path / "lab.yaml")
+    assert refusal.value.proposal is not None
+    refusal.value.proposal.save(tmp_path / "lab.yaml")
     data = read(path, tmp_path / "lab.yaml").data
     assert (data.input_names, data.output_names, data.input_units) == (("i_x", "i_y"), ("x", "y"), ("A", "A"))
 
@@ -302,9 +304,9 @@ def test_a_description_is_proposed_never_assumed(tmp_path: Path) -> None:
 def test_proposed_options_stand_as_a_shell_reads_them(tmp_path: Path) -> None:
     rows = "\n".join(f"{k % 3},{k % 2},{k % 5},{k}" for k in range(40))
     path = write_text(tmp_path / "lab.csv", f"cur x [A],cur y [A],gap [x] [m],gap [y] [m]\n{rows}\n")
-    with pytest.raises(UndescribedError) as found:
+    with pytest.raises(UndescribedError) as refusal:
         read(path)
-    words = shlex.split(str(found.value).partition("perhaps ")[2])
+    words = shlex.split(str(refusal.value).partition("perhaps ")[2])
     assert words[:2] == ["--inputs", "i_x=cur x,i_y=cur y"] and words[2:4] == ["--outputs", "x=gap [x],y=gap [y]"]
 
 

@@ -57,10 +57,10 @@ def closed_loop(
 @pytest.mark.parametrize("noise", [0.0, NOISE])
 @pytest.mark.parametrize(("kind", "request_"), [("multisine", MULTISINE), ("prbs", PRBS)])
 def test_a_flexible_rotor_behind_a_slow_amplifier_has_no_dead_time(kind, request_, noise):
-    found = check_delay(closed_loop(kind, request_, mode=900.0, noise=noise))
-    assert found.severity is Severity.INFO
-    assert "no dead time found" in found.what
-    assert not found.advice
+    finding = check_delay(closed_loop(kind, request_, mode=900.0, noise=noise))
+    assert finding.severity is Severity.INFO
+    assert "no dead time found" in finding.what
+    assert not finding.advice
 
 
 @pytest.mark.parametrize("delay", [1, 2, 3])
@@ -70,10 +70,10 @@ def test_dead_time_in_the_loop_is_found(kind, request_, delay):
 
 
 def test_the_finding_says_what_to_do_about_a_long_dead_time():
-    found = check_delay(closed_loop("prbs", PRBS, delay=3))
-    assert found.severity is Severity.WARNING
-    assert "samples of dead time: u1 3, u2 3" in found.what
-    assert "advance_inputs(data, [3, 3])" in found.advice
+    finding = check_delay(closed_loop("prbs", PRBS, delay=3))
+    assert finding.severity is Severity.WARNING
+    assert "samples of dead time: u1 3, u2 3" in finding.what
+    assert "advance_inputs(data, [3, 3])" in finding.advice
 
 
 def test_noise_that_hides_the_first_samples_proves_no_dead_time():

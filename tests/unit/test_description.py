@@ -31,18 +31,18 @@ def paper() -> PlantDescription:
 @pytest.mark.parametrize(("coupling", "stiffness"), [(True, 3.57e5), (False, 3.05e5)])
 def test_ideal_iron_gives_the_values_of_the_closed_forms(coupling, stiffness):
     circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=coupling)
-    found = describe(PlantParameters(magnetic_circuit=circuit))
-    assert found.current_gain == pytest.approx(66.0, abs=0.1)
-    assert found.negative_stiffness == pytest.approx(stiffness, rel=2e-3)
-    assert found.bias_flux_density == pytest.approx(0.314, abs=1e-3)
-    assert found.peak_force == pytest.approx(3.0 * found.current_gain, rel=1e-9)
+    description = describe(PlantParameters(magnetic_circuit=circuit))
+    assert description.current_gain == pytest.approx(66.0, abs=0.1)
+    assert description.negative_stiffness == pytest.approx(stiffness, rel=2e-3)
+    assert description.bias_flux_density == pytest.approx(0.314, abs=1e-3)
+    assert description.peak_force == pytest.approx(3.0 * description.current_gain, rel=1e-9)
 
 
 def test_inductance_and_slew_rate_are_those_of_two_gaps_in_series():
     circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=False)
-    found = describe(PlantParameters(magnetic_circuit=circuit))
-    assert found.coil_inductance == pytest.approx(7.15e-3, rel=1e-3)
-    assert found.slew_rate == pytest.approx(2.1e4, rel=5e-3)
+    description = describe(PlantParameters(magnetic_circuit=circuit))
+    assert description.coil_inductance == pytest.approx(7.15e-3, rel=1e-3)
+    assert description.slew_rate == pytest.approx(2.1e4, rel=5e-3)
 
 
 def test_paper_bearing_has_its_natural_frequency_damping_and_sag(paper):
@@ -94,8 +94,10 @@ PAPER_EFFECTS = {"coupling", "linear_iron", "eddy_currents", "switching", "limit
 
 
 def effects_that_are_on(**values) -> set[str]:
-    found = describe(validate(PlantParameters, {name.replace("__", "."): value for name, value in values.items()}))
-    return {entry.name for entry in found.effects.entries if entry.value}
+    description = describe(
+        validate(PlantParameters, {name.replace("__", "."): value for name, value in values.items()})
+    )
+    return {entry.name for entry in description.effects.entries if entry.value}
 
 
 @pytest.mark.parametrize(
@@ -142,11 +144,11 @@ def test_without_gravity_the_rotor_does_not_sag():
 @pytest.mark.parametrize(("actuators", "gain"), [("differential", 66.0), ("top_coil", 33.0)])
 def test_bearing_with_one_degree_of_freedom_has_constants_along_y_alone(actuators, gain):
     circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=False, actuators=actuators)
-    found = describe(PlantParameters(magnetic_circuit=circuit))
-    assert found.current_gain == pytest.approx(gain, rel=2e-3)
-    assert found.natural_frequency_x is None
-    assert found.natural_frequency_y is not None
-    assert found.bias_flux_density == pytest.approx(0.314, abs=1e-3)
+    description = describe(PlantParameters(magnetic_circuit=circuit))
+    assert description.current_gain == pytest.approx(gain, rel=2e-3)
+    assert description.natural_frequency_x is None
+    assert description.natural_frequency_y is not None
+    assert description.bias_flux_density == pytest.approx(0.314, abs=1e-3)
 
 
 def test_every_entry_has_unit_and_meaning(paper):

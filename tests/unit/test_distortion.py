@@ -86,49 +86,51 @@ def test_references_have_the_rms_asked_for_and_nothing_but_the_excited_lines() -
     first, second = (reference_of(SETTINGS, LINES, 2, experiment) for experiment in range(2))
     np.testing.assert_allclose(np.sqrt(np.mean(first**2, axis=0)), 1e-6, rtol=1e-12)
     np.testing.assert_array_equal(second, first * [1.0, -1.0])
-    found = spectrum(first)
-    np.testing.assert_array_equal(np.flatnonzero(found[:, 0] > 1e-12), LINES.excited)
-    assert not np.allclose(found, spectrum(reference_of(SETTINGS, LINES, 3, 0)) * 1j)
+    amplitudes = spectrum(first)
+    np.testing.assert_array_equal(np.flatnonzero(amplitudes[:, 0] > 1e-12), LINES.excited)
+    assert not np.allclose(amplitudes, spectrum(reference_of(SETTINGS, LINES, 3, 0)) * 1j)
 
 
 def test_a_linear_loop_has_no_distortion_and_its_response_is_found() -> None:
-    found = respond()
-    assert np.all(found.ratio < 1e-9)
-    expected = COUPLING * np.exp(-2j * np.pi * found.frequency * 3 / RATE)[:, None, None]
-    np.testing.assert_allclose(found.closed_loop, expected, atol=1e-9)
-    np.testing.assert_allclose(found.plant @ (2e6 * (np.eye(2) - expected)), expected, atol=1e-9)
+    distortion = respond()
+    assert np.all(distortion.ratio < 1e-9)
+    expected = COUPLING * np.exp(-2j * np.pi * distortion.frequency * 3 / RATE)[:, None, None]
+    np.testing.assert_allclose(distortion.closed_loop, expected, atol=1e-9)
+    np.testing.assert_allclose(distortion.plant @ (2e6 * (np.eye(2) - expected)), expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_is_not_taken_for_distortion(seed: int) -> None:
-    found = respond(noise=0.05e-6, seed=seed)
-    assert np.all(found.ratio < 0.03), "noise of 5 % is"
-    np.testing.assert_allclose(np.sqrt(np.mean(found.noise**2)), 0.05e-6 * np.sqrt(4.0 / 1_000 / 4), rtol=0.15)
-    error = np.abs(found.closed_loop - COUPLING * np.exp(-2j * np.pi * found.frequency * 3 / RATE)[:, None, None])
-    assert np.mean(error < 3.0 * found.deviation) > 0.97
+    distortion = respond(noise=0.05e-6, seed=seed)
+    assert np.all(distortion.ratio < 0.03), "noise of 5 % is"
+    np.testing.assert_allclose(np.sqrt(np.mean(distortion.noise**2)), 0.05e-6 * np.sqrt(4.0 / 1_000 / 4), rtol=0.15)
+    error = np.abs(
+        distortion.closed_loop - COUPLING * np.exp(-2j * np.pi * distortion.frequency * 3 / RATE)[:, None, None]
+    )
+    assert np.mean(error < 3.0 * distortion.deviation) > 0.97
 
 
 def test_a_square_shows_at_even_lines_with_its_size() -> None:
     def bend(y: Signal) -> Signal:
         return np.column_stack([4e4 * y[:, 0] ** 2, 0.0 * y[:, 1]])
 
-    found = respond(bend)
+    distortion = respond(bend)
     powers = [
         spectrum(bend(np.roll(reference_of(SETTINGS, LINES, m, e), 3, axis=0) @ COUPLING.T))[LINES.even, 0] ** 2
         for m in range(6)
         for e in range(2)
     ]
-    np.testing.assert_allclose(found.even[:, 0], np.sqrt(np.mean(powers, axis=0)), rtol=1e-9)
-    assert found.odd_ratio[0] < 1e-9
-    assert found.ratio[1] < 1e-9, "y is linear"
-    assert found.ratio[0] == pytest.approx(found.even_ratio[0])
-    assert 0.02 < found.ratio[0] < 0.06
+    np.testing.assert_allclose(distortion.even[:, 0], np.sqrt(np.mean(powers, axis=0)), rtol=1e-9)
+    assert distortion.odd_ratio[0] < 1e-9
+    assert distortion.ratio[1] < 1e-9, "y is linear"
+    assert distortion.ratio[0] == pytest.approx(distortion.even_ratio[0])
+    assert 0.02 < distortion.ratio[0] < 0.06
 
 
 def test_a_cube_shows_at_odd_lines_excited_or_not_alike() -> None:
-    found = respond(lambda y: 2e10 * y**3, noise=0.002e-6)
-    assert np.all(found.even_ratio < 0.2 * found.odd_ratio)
-    at_excited, beside = (np.sqrt(np.mean(level[2:] ** 2, axis=0)) for level in (found.stochastic, found.odd))
+    distortion = respond(lambda y: 2e10 * y**3, noise=0.002e-6)
+    assert np.all(distortion.even_ratio < 0.2 * distortion.odd_ratio)
+    at_excited, beside = (np.sqrt(np.mean(level[2:] ** 2, axis=0)) for level in (distortion.stochastic, distortion.odd))
     np.testing.assert_allclose(at_excited, beside, rtol=0.35)
 
 
@@ -186,8 +188,8 @@ def test_the_chart_shows_every_kind_of_line_and_its_share() -> None:
 def test_the_command_leaves_numbers_and_figures(tmp_path: Path) -> None:
     out = tmp_path / "distortion"
     options = ["--period", "0.1", "--realisations", "2", "--frequency-end", "400", "--frequency-start", "10"]
-    found = CliRunner().invoke(app, ["distortion", *options, "--set", "rotor.gravity=0", "--out", str(out)])
-    assert found.exit_code == 0, found.output
+    result = CliRunner().invoke(app, ["distortion", *options, "--set", "rotor.gravity=0", "--out", str(out)])
+    assert result.exit_code == 0, result.output
     summary = json.loads((out / "summary.json").read_text())
     assert summary["settings"]["realisations"] == 2
     assert 0.0 < summary["x"]["distortion_percent"] < 1.0
@@ -197,15 +199,15 @@ def test_the_command_leaves_numbers_and_figures(tmp_path: Path) -> None:
 
 def test_the_command_refuses_a_rotor_that_falls(tmp_path: Path) -> None:
     options = ["--rms", "150e-6", "--period", "0.1", "--frequency-end", "900", "--out", str(tmp_path)]
-    found = CliRunner().invoke(app, ["distortion", *options])
-    assert isinstance(found.exception, SpectrumError), found.output
-    assert "the rotor delevitates at" in str(found.exception)
+    result = CliRunner().invoke(app, ["distortion", *options])
+    assert isinstance(result.exception, SpectrumError), result.output
+    assert "the rotor delevitates at" in str(result.exception)
 
 
 @pytest.mark.parametrize(("lowest", "end"), [(0.985, 0.9), (0.7, 0.5), (0.2, 0.0)])
 def test_the_scale_of_the_coherence_shows_how_far_it_is_from_1(lowest: float, end: float) -> None:
     values = np.column_stack([[1.0, lowest], [1.0, 1.0]])
     known, rest = np.array([1e-6, np.nan]), np.array([1e-7, np.nan])
-    found = Coherence(("x", "y"), np.array([50.0, 100.0]), values, known, rest, 5.0)
-    (panel,) = coherence_chart(found).panels
+    coherence = Coherence(("x", "y"), np.array([50.0, 100.0]), values, known, rest, 5.0)
+    (panel,) = coherence_chart(coherence).panels
     assert panel.y.limits is not None and panel.y.limits[0] == end and 1.0 < panel.y.limits[1] < 1.06

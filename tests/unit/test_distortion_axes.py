@@ -51,58 +51,58 @@ def true_share() -> float:
 
 
 def test_several_realisations_show_the_distortion_of_the_axis_that_is_bent() -> None:
-    found = measure_recorded([respond(played(*(realisation(seed) for seed in range(7))), SQUARE)])
-    assert (found.method, found.experiments, found.axes) == ("robust", 7, AXES)
-    assert found.ratio[1] == pytest.approx(true_share(), rel=0.15)
-    assert np.all(found.ratio[[0, 2, 3]] < 1e-6), "the other axes are linear"
-    assert found.plant.shape[1:] == (4, 4)
-    assert list(found.as_dict()) == list(AXES)
-    assert "on y_a" in found.brief
+    distortion = measure_recorded([respond(played(*(realisation(seed) for seed in range(7))), SQUARE)])
+    assert (distortion.method, distortion.experiments, distortion.axes) == ("robust", 7, AXES)
+    assert distortion.ratio[1] == pytest.approx(true_share(), rel=0.15)
+    assert np.all(distortion.ratio[[0, 2, 3]] < 1e-6), "the other axes are linear"
+    assert distortion.plant.shape[1:] == (4, 4)
+    assert list(distortion.as_dict()) == list(AXES)
+    assert "on y_a" in distortion.brief
 
 
 def test_orthogonal_experiments_of_one_multisine_are_separated_by_the_lines_left_out() -> None:
     signs = hadamard(4)
-    found = measure_recorded([respond(played(*(row * realisation(0)[:, :1] for row in signs)), SQUARE)])
-    assert (found.method, found.experiments) == ("fast", 4)
+    distortion = measure_recorded([respond(played(*(row * realisation(0)[:, :1] for row in signs)), SQUARE)])
+    assert (distortion.method, distortion.experiments) == ("fast", 4)
     b, a = butter(2, 60.0, fs=RATE)
-    z = np.exp(-2j * np.pi * found.frequency / RATE)
+    z = np.exp(-2j * np.pi * distortion.frequency / RATE)
     expected = COUPLING[0] * ((np.polyval(b[::-1], z) / np.polyval(a[::-1], z)) * z**3)[:, None]
-    np.testing.assert_allclose(found.closed_loop[:, 0], expected, atol=1e-6)
-    assert found.ratio[1] > 0.02 and found.ratio[0] < 1e-6
+    np.testing.assert_allclose(distortion.closed_loop[:, 0], expected, atol=1e-6)
+    assert distortion.ratio[1] > 0.02 and distortion.ratio[0] < 1e-6
 
 
 def test_axes_that_move_only_together_as_in_a_rigid_mode_have_a_distortion_but_no_response_each() -> None:
     tilt = np.array([1.0, 0.0, -1.0, 0.0])
-    found = measure_recorded([respond(played(*(tilt * realisation(seed)[:, :1] for seed in range(4))), SQUARE)])
-    assert found.method == "robust", "one direction moves, in four realisations"
-    assert np.isfinite(found.ratio[[0, 2]]).all() and np.isnan(found.ratio[[1, 3]]).all()
-    assert np.all(found.ratio[[0, 2]] < 1e-6)
-    assert np.isnan(found.closed_loop).all() and np.isnan(found.plant).all()
+    distortion = measure_recorded([respond(played(*(tilt * realisation(seed)[:, :1] for seed in range(4))), SQUARE)])
+    assert distortion.method == "robust", "one direction moves, in four realisations"
+    assert np.isfinite(distortion.ratio[[0, 2]]).all() and np.isnan(distortion.ratio[[1, 3]]).all()
+    assert np.all(distortion.ratio[[0, 2]] < 1e-6)
+    assert np.isnan(distortion.closed_loop).all() and np.isnan(distortion.plant).all()
 
 
 def test_coherence_of_four_axes_is_the_share_of_noise() -> None:
     noise = 2e-8
-    found = measure_coherence([respond(realisation(0)[np.arange(20 * LINES.steps) % LINES.steps], noise=noise)])
-    assert found.axes == AXES and found.coherence.shape[1] == 4
+    coherence = measure_coherence([respond(realisation(0)[np.arange(20 * LINES.steps) % LINES.steps], noise=noise)])
+    assert coherence.axes == AXES and coherence.coherence.shape[1] == 4
     silent = respond(realisation(0)[np.arange(20 * LINES.steps) % LINES.steps]).position
-    in_band = noise * np.sqrt(found.frequency[-1] / (0.5 * RATE))
-    np.testing.assert_allclose(found.ratio, in_band / silent.std(axis=0), rtol=0.25)
+    in_band = noise * np.sqrt(coherence.frequency[-1] / (0.5 * RATE))
+    np.testing.assert_allclose(coherence.ratio, in_band / silent.std(axis=0), rtol=0.25)
 
 
 @pytest.mark.parametrize("square", [0.0, SQUARE])
 def test_noise_of_a_continuous_signal_and_distortion_are_told_apart_from_the_linear_response(square: float) -> None:
     reference = np.random.default_rng(7).normal(size=(20_000, 4)) * 4e-6
-    found = find_evidence([respond(lfilter(*butter(2, 150.0, fs=RATE), reference, axis=0), square)])
-    assert found.distortion is None and found.coherence is not None
-    assert np.all(found.coherence.ratio[[0, 2, 3]] < 0.01)
-    assert (found.coherence.ratio[1] > 0.02) == bool(square)
-    assert found.best_fit.shape == (4,)
+    evidence = find_evidence([respond(lfilter(*butter(2, 150.0, fs=RATE), reference, axis=0), square)])
+    assert evidence.distortion is None and evidence.coherence is not None
+    assert np.all(evidence.coherence.ratio[[0, 2, 3]] < 0.01)
+    assert (evidence.coherence.ratio[1] > 0.02) == bool(square)
+    assert evidence.best_fit.shape == (4,)
 
 
 def test_figures_have_a_panel_for_each_axis() -> None:
-    found = find_evidence([respond(played(*(realisation(seed) for seed in range(6))), SQUARE)])
-    assert found.distortion is not None and found.coherence is not None
-    for result in (found.distortion, found.coherence):
+    evidence = find_evidence([respond(played(*(realisation(seed) for seed in range(6))), SQUARE)])
+    assert evidence.distortion is not None and evidence.coherence is not None
+    for result in (evidence.distortion, evidence.coherence):
         assert len(plot(result).panels) == 4
 
 

@@ -125,7 +125,7 @@ def _examples(readme: Path) -> list[str]:
 
 def documented(package: str, kind: str) -> dict[str, str]:
     """Names and types in the tables of a README whose first column is `topic` or `service`."""
-    found: dict[str, str] = {}
+    types: dict[str, str] = {}
     in_table = False
     for line in (ROOT / package / "README.md").read_text().splitlines():
         cells = [cell.strip().strip("`") for cell in line.strip("|").split("|")]
@@ -134,8 +134,8 @@ def documented(package: str, kind: str) -> dict[str, str]:
         elif cells[0] == kind:
             in_table = True
         elif in_table and not cells[0].startswith("---"):
-            found[cells[0]] = cells[1]
-    return found
+            types[cells[0]] = cells[1]
+    return types
 
 
 def sources(package: str) -> dict[str, str]:
@@ -210,10 +210,10 @@ def promised(readme: Path) -> Iterator[tuple[str, str]]:
 def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
     for module, name in promised(ROOT / package / "README.md"):
         classes = [item for item in vars(importlib.import_module(module)).values() if inspect.isclass(item)]
-        found = any(hasattr(owner, name) for owner in (importlib.import_module(module), *classes))
+        attribute = any(hasattr(owner, name) for owner in (importlib.import_module(module), *classes))
         chart = hasattr(importlib.import_module(module), f"{name}_chart")
         submodule = importlib.util.find_spec(f"{module}.{name}") if hasattr(sys.modules[module], "__path__") else None
-        assert found or chart or submodule, f"{package}/README.md: {module} has no {name}"
+        assert attribute or chart or submodule, f"{package}/README.md: {module} has no {name}"
 
 
 # -- messages

@@ -10,7 +10,7 @@ import pytest
 from amb_core.ground.errors import ParameterError
 from amb_core.ground.parameters import validate
 from amb_core.plant import PlantParameters
-from amb_core.rig.emulation import FaultyLink, Gap, LinkFaults, SensorFaultParameters
+from amb_core.rig.emulation import FaultyLink, LinkFaults, SensorFaultParameters, UndeliveredSamples
 from amb_core.rig.emulation.faulty_sensors import FaultySensors, faulty_axes
 from amb_core.rig.link import LOOPBACK, InOrder, TelemetryCount, TripReason, commands
 from tests.emulated_host import Bench
@@ -42,24 +42,24 @@ def test_gaps_that_the_network_makes_are_the_gaps_that_a_receiver_finds() -> Non
     with Bench() as bench:
         bench.connect()
         perfect_start_and_end(bench, **HEAVY)
-        made, found = bench.emulator.to_host.count, received(bench)
-        assert found.lost == made.samples > 500
-        assert [(gap.first, gap.stop) for gap in made.gaps] == list(found.gaps)
+        made, counted = bench.emulator.to_host.count, received(bench)
+        assert counted.lost == made.samples > 500
+        assert [(gap.first, gap.stop) for gap in made.gaps] == list(counted.gaps)
         assert {gap.session for gap in made.gaps} == {bench.session.number}
-        assert found.late == 0
-        assert found.doubled > 0
-        assert found.reordered > 0
+        assert counted.late == 0
+        assert counted.doubled > 0
+        assert counted.reordered > 0
         assert min(made.lost, made.doubled, made.reordered, made.corrupted) > 50
-        assert found.delivered + found.lost == bench.blocks()[-1].first_step + 5 - bench.blocks()[0].first_step
+        assert counted.delivered + counted.lost == bench.blocks()[-1].first_step + 5 - bench.blocks()[0].first_step
 
 
 def test_what_comes_later_than_a_receiver_waits_it_counts_as_lost_and_then_as_late() -> None:
     with Bench() as bench:
         bench.connect()
         perfect_start_and_end(bench, delay=0.01, delay_jitter=0.04, loss=0.05)
-        made, found = bench.emulator.to_host.count, received(bench, wait=100)
-        assert found.late > 0
-        assert found.lost - found.late == made.samples
+        made, counted = bench.emulator.to_host.count, received(bench, wait=100)
+        assert counted.late > 0
+        assert counted.lost - counted.late == made.samples
 
 
 def test_delayed_frames_arrive_after_their_delay_and_none_is_missing() -> None:
@@ -117,7 +117,7 @@ def test_a_lost_command_has_no_effect_and_a_doubled_one_is_answered_twice_and_do
 
 
 def test_the_same_seed_makes_the_same_faults() -> None:
-    def made(seed: int) -> list[Gap]:
+    def made(seed: int) -> list[UndeliveredSamples]:
         link = FaultyLink(validate(LinkFaults, HEAVY), (seed, 1))
         for frame in telemetry:
             link.send(frame, LOOPBACK, 0.0)
@@ -240,5 +240,5 @@ def test_a_fault_of_an_axis_that_is_not_there_is_refused_and_changes_nothing() -
 def test_axes_are_named_with_or_without_commas() -> None:
     axes = ("x_a", "y_a", "x_b", "y_b")
     faults = SensorFaultParameters(stuck="x_b, x_a", noisy="y_b x_a", failed="")
-    found = faulty_axes(faults, axes)
-    assert (found["stuck"], found["noisy"], found["failed"]) == ([0, 2], [0, 3], [])
+    indices = faulty_axes(faults, axes)
+    assert (indices["stuck"], indices["noisy"], indices["failed"]) == ([0, 2], [0, 3], [])

@@ -59,9 +59,9 @@ def test_a_machine_of_four_axes_is_looked_at_axis_by_axis() -> None:
     machine = four_axes()
     assert highest_load(tone(300.0, 20e-6, machine), MAP, PD).load == pytest.approx(one.load, rel=1e-9)
     stiff = validate(ControllerParameters, {"derivative_gains": [38.0, 38.0, 38.0, 95.0]})
-    found = highest_load(tone(300.0, 20e-6, machine), MAP, stiff)
-    assert found.axis == "y_b"
-    assert found.load > one.load
+    load = highest_load(tone(300.0, 20e-6, machine), MAP, stiff)
+    assert load.axis == "y_b"
+    assert load.load > one.load
     only = generate(Square(amplitude=5e-6, duration=0.5, axes="y_a"), RATE, machine)
     assert highest_load(only, MAP, PD).axis == "y_a"
 

@@ -48,8 +48,8 @@ def tone(frequency: float, amplitude: float, **values: Any) -> ExcitationCheck:
     return check("tones", frequencies=[frequency], amplitudes=[amplitude], axes="y", **values)
 
 
-def notes(found: ExcitationCheck) -> str:
-    return "\n".join(found.notes)
+def notes(checked: ExcitationCheck) -> str:
+    return "\n".join(checked.notes)
 
 
 # -- the content of a signal
@@ -105,9 +105,9 @@ def test_however_the_axes_are_spelled_the_check_is_of_the_same_signal(spelled: s
 
 
 def test_orthogonal_experiments_are_checked_as_one_signal_on_each_axis() -> None:
-    found = check("multisine", axes="orthogonal")
-    assert [axis.axis for axis in found.axes] == ["x", "y"]
-    assert [axis.rms for axis in found.axes] == pytest.approx(
+    checked = check("multisine", axes="orthogonal")
+    assert [axis.axis for axis in checked.axes] == ["x", "y"]
+    assert [axis.rms for axis in checked.axes] == pytest.approx(
         signal("multisine", axes="orthogonal").samples.std(axis=0)
     )
 
@@ -129,11 +129,11 @@ def test_a_signal_for_two_bearings_is_refused() -> None:
     axes=st.sampled_from(["x", "y", "both", "in_turn"]),
 )
 def test_shares_sum_to_one_on_each_axis_and_together(kind: str, amplitude: float, axes: str) -> None:
-    found = check(kind, amplitude=amplitude, axes=axes)
-    for shares in (found.shares, *(axis.shares for axis in found.axes)):
+    checked = check(kind, amplitude=amplitude, axes=axes)
+    for shares in (checked.shares, *(axis.shares for axis in checked.axes)):
         assert sum(shares.values()) == pytest.approx(1.0)
         assert set(shares) == set(Region)
-    for axis in found.axes:
+    for axis in checked.axes:
         assert axis.share.sum() == pytest.approx(1.0)
 
 
@@ -163,8 +163,8 @@ def test_two_sines_add_by_their_squares() -> None:
 
 @pytest.mark.parametrize("kind", ["sweep", "square", "multisine", "prbs", "white_noise"])
 def test_the_margin_of_the_map_is_the_factor_to_the_edge_of_region_a(kind: str) -> None:
-    found = check(kind, amplitude=40e-6)
-    at_edge = check(kind, amplitude=40e-6 * found.map_margin)
+    checked = check(kind, amplitude=40e-6)
+    at_edge = check(kind, amplitude=40e-6 * checked.map_margin)
     assert max(axis.load.linear for axis in at_edge.axes) == pytest.approx(1.0, rel=0.01)
 
 
@@ -204,20 +204,20 @@ def test_the_current_that_carries_the_weight_counts_towards_the_limit() -> None:
 
 
 def test_what_is_predicted_to_clip_does_so_in_simulation() -> None:
-    found = signal("multisine", amplitude=40e-6, frequency_end=700.0, duration=1.0)
-    predicted = check_excitation(found, MAP).axes[1]
-    trial = TrialBench(PlantParameters(), ControllerParameters(), rest=0.5).run(found)
+    excitation = signal("multisine", amplitude=40e-6, frequency_end=700.0, duration=1.0)
+    predicted = check_excitation(excitation, MAP).axes[1]
+    trial = TrialBench(PlantParameters(), ControllerParameters(), rest=0.5).run(excitation)
     assert trial.measures[1].clipped == pytest.approx(predicted.limited, rel=0.5)
 
 
 def test_a_slew_that_the_voltage_cannot_drive_is_in_the_verdict() -> None:
     slow = validate(PlantParameters, {"amplifier.supply_voltage": 20.0})
-    found = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), map_of(slow), None, slow)
-    assert found.slew_rate == pytest.approx(10.0 / 7.15e-3, rel=0.01)
-    assert all(axis.slewed > 0.01 for axis in found.axes)
-    assert "region A by the map, " in found.verdict
-    assert "on y the control current changes faster than the voltage can drive it in " in found.verdict
-    assert "may be multiplied" not in found.verdict
+    checked = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), map_of(slow), None, slow)
+    assert checked.slew_rate == pytest.approx(10.0 / 7.15e-3, rel=0.01)
+    assert all(axis.slewed > 0.01 for axis in checked.axes)
+    assert "region A by the map, " in checked.verdict
+    assert "on y the control current changes faster than the voltage can drive it in " in checked.verdict
+    assert "may be multiplied" not in checked.verdict
 
 
 # Gap 0.4 mm, 100 turns a pole, 2 A, 3 kg: the voltage drives the current at 1.75 kA/s, a tenth of the paper's bearing.
@@ -236,15 +236,15 @@ def test_no_advice_leads_beyond_the_limits_of_current_and_voltage(amplitude: flo
 
     def checked(amplitude: float) -> ExcitationCheck:
         values = {"amplitude": amplitude, "frequency_end": 2_000.0, "duration": 1.0}
-        found = generate(excitation_from_request("multisine", values), 20e3)
-        return check_excitation(found, map_of(plant), controller, plant)
+        excitation = generate(excitation_from_request("multisine", values), 20e3)
+        return check_excitation(excitation, map_of(plant), controller, plant)
 
-    found = checked(amplitude)
-    assert f"at most {found.margin:.2f} (by the voltage on" in found.verdict or found.margin > 1.0
-    followed = checked(found.margin * amplitude)
+    first = checked(amplitude)
+    assert f"at most {first.margin:.2f} (by the voltage on" in first.verdict or first.margin > 1.0
+    followed = checked(first.margin * amplitude)
     assert max(axis.slewed for axis in followed.axes) == pytest.approx(0.01, rel=0.05)
     assert all(axis.limited <= 0.01 and axis.load.linear < 1.0 for axis in followed.axes)
-    assert "by the voltage on" in found.verdict
+    assert "by the voltage on" in first.verdict
 
 
 # -- the verdict
@@ -252,7 +252,7 @@ def test_no_advice_leads_beyond_the_limits_of_current_and_voltage(amplitude: flo
 
 def test_the_verdict_changes_with_the_amplitude() -> None:
     small, medium, large = (check("white_noise", amplitude=amplitude) for amplitude in (5e-6, 25e-6, 150e-6))
-    assert [found.predicted for found in (small, medium, large)] == [Region.A, Region.B, Region.D]
+    assert [one.predicted for one in (small, medium, large)] == [Region.A, Region.B, Region.D]
     assert small.verdict.startswith("region A: ")
     assert f"multiplied by {small.margin:.2f}" in small.verdict
     assert medium.verdict.startswith("region B on ")
@@ -266,10 +266,10 @@ def test_the_verdict_on_a_sweep_names_the_frequencies() -> None:
 
 
 def test_where_the_map_shows_no_boundary_region_a_is_called_uncertain() -> None:
-    found = check("square", amplitude=90e-6)  # its fundamental, 115 um at 5 Hz, is larger than any sweep of the map
-    assert (found.predicted, found.certain) == (Region.A, False)
-    assert "not certain" in found.verdict
-    assert "above 100 um" in notes(found)
+    checked = check("square", amplitude=90e-6)  # its fundamental, 115 um at 5 Hz, is larger than any sweep of the map
+    assert (checked.predicted, checked.certain) == (Region.A, False)
+    assert "not certain" in checked.verdict
+    assert "above 100 um" in notes(checked)
 
 
 # -- what a reader should know
@@ -313,8 +313,8 @@ def test_an_unstable_loop_is_not_put_down_to_the_amplitude() -> None:
 
 
 def test_another_sample_rate_is_told() -> None:
-    found = check_excitation(signal("multisine", rate=20_000.0), MAP)
-    assert "the signal is sampled at 20000 Hz, the controller at 10000 Hz" in notes(found)
+    checked = check_excitation(signal("multisine", rate=20_000.0), MAP)
+    assert "the signal is sampled at 20000 Hz, the controller at 10000 Hz" in notes(checked)
 
 
 def test_a_map_that_is_not_complete_is_told() -> None:
@@ -325,16 +325,16 @@ def test_a_map_without_provenance_needs_the_loop() -> None:
     unknown = replace(MAP, provenance={})
     with pytest.raises(RegionError, match="does not contain the parameters of its controller; specify them"):
         check_excitation(signal("multisine"), unknown)
-    found = check_excitation(signal("multisine"), unknown, ControllerParameters(), PlantParameters())
-    assert "does not contain the parameters of its plant" in notes(found)
+    checked = check_excitation(signal("multisine"), unknown, ControllerParameters(), PlantParameters())
+    assert "does not contain the parameters of its plant" in notes(checked)
     with pytest.raises(RegionError, match=r"support the controller of the region map: unknown parameter 'gain' = 3"):
         check_excitation(signal("multisine"), replace(MAP, provenance={"controller": {"gain": 3}}))
 
 
 def test_a_map_of_version_0_1_keeps_its_controller() -> None:
     recorded = {"proportional_gain": 21_000.0, "nominal_reference_x": 0.0, "nominal_reference_y": 40e-6}
-    found = made_with(replace(MAP, provenance={"controller": recorded}), "controller", ControllerParameters)
-    assert found == ControllerParameters(proportional_gain=21_000.0, nominal_reference=(0.0, 40e-6))
+    controller = made_with(replace(MAP, provenance={"controller": recorded}), "controller", ControllerParameters)
+    assert controller == ControllerParameters(proportional_gain=21_000.0, nominal_reference=(0.0, 40e-6))
 
 
 def test_an_empty_map_and_a_silent_signal_are_refused() -> None:
@@ -346,5 +346,5 @@ def test_an_empty_map_and_a_silent_signal_are_refused() -> None:
 
 
 def test_a_map_of_a_single_sweep_and_a_signal_of_a_few_samples_will_do() -> None:
-    found = check_excitation(signal("prbs", duration=2e-3), replace(MAP, sweeps=MAP.sweeps[2:3]))
-    assert sum(found.shares.values()) == pytest.approx(1.0)
+    checked = check_excitation(signal("prbs", duration=2e-3), replace(MAP, sweeps=MAP.sweeps[2:3]))
+    assert sum(checked.shares.values()) == pytest.approx(1.0)

@@ -48,8 +48,8 @@ def signal(kind: str, **values: Any) -> ExcitationSignal:
 
 
 def linear_order(model_order: int | None = None, **values: Any) -> int:
-    found = signal("multisine", **values)
-    response = LinearLoop(Plant(PlantParameters()), ControllerParameters()).respond(found.samples)
+    excitation = signal("multisine", **values)
+    response = LinearLoop(Plant(PlantParameters()), ControllerParameters()).respond(excitation.samples)
     return excited_order(response.current, response.position, 1.0 / RATE, model_order).order
 
 
@@ -61,8 +61,8 @@ def test_a_narrow_band_does_not_excite_a_high_order_however_many_lines_it_has() 
 
 @pytest.mark.parametrize("frequency_end", [400.0, 2_000.0])
 def test_design_and_identification_agree_on_the_order(bench: TrialBench, frequency_end: float) -> None:
-    found = signal("multisine", amplitude=1e-6, duration=1.0, frequency_end=frequency_end)
-    record = bench.run(found).record.window(10_000, found.steps)
+    excitation = signal("multisine", amplitude=1e-6, duration=1.0, frequency_end=frequency_end)
+    record = bench.run(excitation).record.window(10_000, excitation.steps)
     order = excited_order(record.current, record.position, record.sample_time).order
     data = IdentificationData.from_record(record)
     assert identification_check(data, order).severity < Severity.ERROR
@@ -113,9 +113,9 @@ def test_the_deviation_grows_with_the_amplitude_and_is_far_larger_along_the_weig
 
 
 def test_noise_of_the_sensors_is_no_deviation() -> None:
-    found = signal("multisine", amplitude=2e-6, duration=1.0)
+    excitation = signal("multisine", amplitude=2e-6, duration=1.0)
     quiet, noisy = (
-        TrialBench(validate(PlantParameters, {"sensor.noise": noise}), ControllerParameters(), rest=0.5).run(found)
+        TrialBench(validate(PlantParameters, {"sensor.noise": noise}), ControllerParameters(), rest=0.5).run(excitation)
         for noise in (0.0, 0.05e-6)
     )
     for without, with_noise in zip(quiet.measures, noisy.measures, strict=True):
@@ -226,8 +226,8 @@ def test_a_model_from_the_designed_signal_predicts_a_smaller_motion(bench: Trial
     assert nrmse_fit(recorded.position - recorded.position.mean(axis=0), predicted).min() >= 95.0
 
 
-def excited_part(trial: Trial, found: ExcitationSignal) -> LoopRecord:
-    return trial.record.window(trial.record.steps - found.steps, found.steps)
+def excited_part(trial: Trial, excitation: ExcitationSignal) -> LoopRecord:
+    return trial.record.window(trial.record.steps - excitation.steps, excitation.steps)
 
 
 # -- the search
@@ -279,8 +279,8 @@ def test_check_writes_summary_and_figures(tmp_path: Path) -> None:
     )
     assert code == 0, output
     summary = json.loads((tmp_path / "new" / "summary.json").read_text())
-    found = check_excitation(signal("white_noise", amplitude=25e-6, duration=4.0), MAP)
-    assert summary["check"]["verdict"] == found.verdict
+    checked = check_excitation(signal("white_noise", amplitude=25e-6, duration=4.0), MAP)
+    assert summary["check"]["verdict"] == checked.verdict
     assert summary["check"]["predicted"] == "B"
     assert summary["parameters"]["amplitude"] == 25e-6
     assert {path.name for path in (tmp_path / "new").iterdir()} >= {"overlay.html", "overlay.png"}

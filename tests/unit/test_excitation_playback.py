@@ -47,11 +47,11 @@ def make(kind: str, duration: float, **values: Any) -> Excitation:
 
 def samples_of(played: Playback, indices: NDArray[np.int_]) -> NDArray[np.float64]:
     """Single samples in this order, as a loop takes them."""
-    found = []
+    samples = []
     for index in indices.tolist():
         first, window = played.window(index)
-        found.append(window[index - first])
-    return np.array(found)
+        samples.append(window[index - first])
+    return np.array(samples)
 
 
 @settings(max_examples=60, deadline=None)
@@ -193,7 +193,7 @@ def test_a_definition_that_is_none_is_refused_with_the_reason(kind: str, definit
 def test_the_frequency_is_that_of_the_signal(kind: str) -> None:
     excitation = make(kind, 1.0, axes="in_turn", **({"count": 1} if kind == "tones" else {}))
     expected = generate(excitation, 10_000.0).frequency
-    found = instantaneous_frequency(excitation, 10_000.0)
-    assert (found is None) == (expected is None) == (kind not in ("sweep", "tones"))
-    if expected is not None and found is not None:
-        assert found.tobytes() == expected.tobytes()
+    frequency = instantaneous_frequency(excitation, 10_000.0)
+    assert (frequency is None) == (expected is None) == (kind not in ("sweep", "tones"))
+    if expected is not None and frequency is not None:
+        assert frequency.tobytes() == expected.tobytes()

@@ -43,10 +43,10 @@ def test_entries_become_experiments_in_si_units(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_list_is_refused_with_file_and_entry(text: str, problem: str, tmp_path: Path) -> None:
-    with pytest.raises(ExcitationError, match=problem) as found:
+    with pytest.raises(ExcitationError, match=problem) as refusal:
         read_experiments(written(tmp_path, text))
-    assert "list.yaml" in str(found.value)
-    assert "\n" not in str(found.value)
+    assert "list.yaml" in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_names_are_unique(tmp_path: Path) -> None:

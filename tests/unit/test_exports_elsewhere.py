@@ -145,5 +145,5 @@ def test_fmpy_simulates_a_unit_without_feedthrough_to_the_same_bits(name: str, t
     kinds = [(one, float) for one in ("time", *model.input_names)]
     signals = np.array([tuple(row) for row in np.column_stack([times, vector.inputs])], dtype=kinds)
     timing = {"stop_time": times[-1], "output_interval": period, "step_size": period}
-    found = simulate_fmu(str(tmp_path / "plant.fmu"), input=signals, **timing)
-    assert np.column_stack([found[one] for one in model.output_names]).tobytes() == vector.outputs.tobytes()
+    simulated = simulate_fmu(str(tmp_path / "plant.fmu"), input=signals, **timing)
+    assert np.column_stack([simulated[one] for one in model.output_names]).tobytes() == vector.outputs.tobytes()

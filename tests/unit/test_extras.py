@@ -73,8 +73,8 @@ def run_without(names: tuple[str, ...], code: str) -> str:
 
 @pytest.mark.parametrize("module", NODES)
 def test_a_node_starts_without_the_optional_parts(module: str) -> None:
-    found = run_without(PACKAGES, f"import {module}\nprint([name for name in {OPTIONAL!r} if name in sys.modules])")
-    assert found.strip() == "[]"
+    loaded = run_without(PACKAGES, f"import {module}\nprint([name for name in {OPTIONAL!r} if name in sys.modules])")
+    assert loaded.strip() == "[]"
 
 
 NEEDING = {  # an extra: what needs it

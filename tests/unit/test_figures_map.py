@@ -147,9 +147,9 @@ def test_a_map_of_one_sweep_is_drawn() -> None:
 
 def test_a_grid_has_a_panel_for_each_design_and_says_where_there_is_no_map(region_map) -> None:
     cells = [
-        GridCell({"rotor.gravity": gravity, "controller.derivative_gain": gain}, None, None, found, "")
+        GridCell({"rotor.gravity": gravity, "controller.derivative_gain": gain}, None, None, cell_map, "")
         for gravity in (0.0, 9.81)
-        for gain, found in ((30.0, region_map), (38.0, region_map), (60.0, None))
+        for gain, cell_map in ((30.0, region_map), (38.0, region_map), (60.0, None))
     ]
     chart = map_grid_chart(cells)
     assert (len(chart.panels), chart.columns, chart.rows) == (6, 3, 2)

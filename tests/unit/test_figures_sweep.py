@@ -23,9 +23,9 @@ DRIFT, END = Onset(8_000, 0.8, 400.0, False), Onset(STEPS, 2.0, 1_000.0, False)
 @pytest.fixture(scope="module")
 def frequency() -> np.ndarray:
     """100 Hz at the start of the sweep, 50 Hz more each 0.1 s; none before it."""
-    found = np.full(STEPS, np.nan)
-    found[START:] = 100.0 + 0.05 * np.arange(STEPS - START)
-    return found
+    values = np.full(STEPS, np.nan)
+    values[START:] = 100.0 + 0.05 * np.arange(STEPS - START)
+    return values
 
 
 @pytest.fixture(scope="module")

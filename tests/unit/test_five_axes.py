@@ -25,8 +25,8 @@ AXES = ("x_a", "y_a", "x_b", "y_b", "z")
 
 
 def parameters(**rotor: float) -> PlantParameters:
-    found = load_parameters(SimulatorParameters, FILE, "simulator")
-    return found.model_copy(update={"rotor": found.rotor.model_copy(update=rotor)})
+    parameters = load_parameters(SimulatorParameters, FILE, "simulator")
+    return parameters.model_copy(update={"rotor": parameters.rotor.model_copy(update=rotor)})
 
 
 @pytest.fixture(scope="module")

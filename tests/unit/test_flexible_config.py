@@ -30,8 +30,8 @@ def installed(tmp_path, monkeypatch):
 
 
 def parameters(running_speed: float = 0.0) -> PlantParameters:
-    found = load_parameters(PlantParameters, CONFIG / "flexible.yaml", "simulator")
-    return found.model_copy(update={"rotor": found.rotor.model_copy(update={"running_speed": running_speed})})
+    parameters = load_parameters(PlantParameters, CONFIG / "flexible.yaml", "simulator")
+    return parameters.model_copy(update={"rotor": parameters.rotor.model_copy(update={"running_speed": running_speed})})
 
 
 def test_its_modes_are_those_of_the_shaft_that_it_describes():

@@ -106,9 +106,9 @@ def test_what_make_quick_does_not_run_is_run_by_a_test_or_has_a_reason(name: str
         assert how.reason
     if isinstance(how, Covered):
         file, _, test = how.test.partition("::")
-        found = re.search(rf"((?:^@.*\n)*)^def {test}\b", (ROOT / file).read_text(), re.MULTILINE)
-        assert found, f"there is no test {how.test}"
-        assert bool(how.slow_because) == ("mark.slow" in found[1]), f"{how.test}: say why a slow test is enough"
+        match = re.search(rf"((?:^@.*\n)*)^def {test}\b", (ROOT / file).read_text(), re.MULTILINE)
+        assert match, f"there is no test {how.test}"
+        assert bool(how.slow_because) == ("mark.slow" in match[1]), f"{how.test}: say why a slow test is enough"
 
 
 # -- the check of keys
@@ -120,7 +120,7 @@ class Example(Figures):
 
 
 @pytest.mark.parametrize(
-    ("found", "problem"),
+    ("results", "problem"),
     [
         ({"seconds": 1.0, "counts": {"a": 1}}, None),
         ({"seconds": 1.0}, "counts: Field required"),
@@ -129,8 +129,8 @@ class Example(Figures):
         (None, "the file: Input should be a valid dictionary or instance of Example"),
     ],
 )
-def test_results_have_all_keys_that_are_declared_and_no_others(found: object, problem: str | None) -> None:
-    assert problems(Example, found) == ([problem] if problem else [])
+def test_results_have_all_keys_that_are_declared_and_no_others(results: object, problem: str | None) -> None:
+    assert problems(Example, results) == ([problem] if problem else [])
 
 
 def test_old_figures_may_lack_keys() -> None:

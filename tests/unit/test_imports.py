@@ -19,8 +19,8 @@ import pytest
 )
 def test_a_process_starts_without_what_it_does_not_compute_with(module: str, unwanted: tuple[str, ...]) -> None:
     code = f"import {module}, sys; print([name for name in {unwanted!r} if name in sys.modules])"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert process.stdout.strip() == "[]"
 
 
 LIGHT_HELP = (
@@ -45,7 +45,7 @@ def test_help_imports_neither_nodes_nor_what_computes(command: str) -> None:
         "print([name for name in ('rclpy', 'amb_msgs', 'numpy', 'scipy', 'numba', 'rosbags') if name in sys.modules]); "
         "print(len(sys.modules))"
     )
-    found = subprocess.run([sys.executable, "-c", code, *command.split()], capture_output=True, text=True, check=True)
-    heavy, count = found.stdout.splitlines()
+    process = subprocess.run([sys.executable, "-c", code, *command.split()], capture_output=True, text=True, check=True)
+    heavy, count = process.stdout.splitlines()
     assert heavy == "[]"
     assert int(count) < 700  # 320 of them are those of Python, typer and rich

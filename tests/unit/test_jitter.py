@@ -36,9 +36,9 @@ def test_deadlines_are_counted_from_the_first_report_and_nodes_without_a_pace_ar
     watch.note(report(paced(100, 10)))
     watch.note(report(paced(150, 13)))
     assert set(watch.nodes) == {"amb/simulator"}
-    found = watch.nodes["amb/simulator"].summary()
-    assert (found["paced"], found["deadlines"], found["missed"], found["missed_in_all"]) == ("steps", 50, 3, 13)
-    assert found["lateness_us"]["p50"] < 1.0 < 199.0 < found["lateness_us"]["max"] < 201.0
+    summary = watch.nodes["amb/simulator"].summary()
+    assert (summary["paced"], summary["deadlines"], summary["missed"], summary["missed_in_all"]) == ("steps", 50, 3, 13)
+    assert summary["lateness_us"]["p50"] < 1.0 < 199.0 < summary["lateness_us"]["max"] < 201.0
 
 
 def test_a_node_that_was_started_again_counts_anew() -> None:
@@ -46,8 +46,8 @@ def test_a_node_that_was_started_again_counts_anew() -> None:
     watch.note(report(paced(100, 10)))
     watch.note(report(paced(20, 2), instance="2"))
     watch.note(report(paced(50, 5), instance="2"))
-    found = watch.nodes["amb/simulator"].summary()
-    assert (found["deadlines"], found["missed"], found["missed_in_all"]) == (30, 3, 5)
+    summary = watch.nodes["amb/simulator"].summary()
+    assert (summary["deadlines"], summary["missed"], summary["missed_in_all"]) == (30, 3, 5)
 
 
 def test_the_table_has_a_row_for_each_node() -> None:

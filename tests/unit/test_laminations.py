@@ -12,8 +12,8 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import MagneticCircuitParameters, Plant, PlantParameters, describe, linearize
 from amb_core.plant.averaged import AveragedPlant
 from amb_core.plant.eddy import diffusion, eddy_bandwidth, lamination_terms, lamination_time_constant
-from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.switching_loss import switching_loss
+from tests.validation.energy import EnergyAccount
 
 DIFFUSION = {"iron.laminations": "diffusion"}
 SATURATION = {"iron.saturation": True}

@@ -84,9 +84,9 @@ def test_series_that_are_drawn_over_each_other_have_the_same_times(bag: Path) ->
     run = RunTelemetry(bag)
     path = bag.with_name("pairs_plotjuggler.mcap")
     write_plotjuggler(run, path, ("spectrum",))
-    found = Recording.read(path)
+    recording = Recording.read(path)
     times = [
-        [time for time, _ in found.timed_messages_of(f"/amb/spectrum/{name}")] for name in ("frequency", *run.axes)
+        [time for time, _ in recording.timed_messages_of(f"/amb/spectrum/{name}")] for name in ("frequency", *run.axes)
     ]
     assert len(times[0]) > 100
     assert all(other == times[0] for other in times)
@@ -96,7 +96,7 @@ def test_every_path_of_foxglove_is_in_the_file(bag: Path) -> None:
     run = RunTelemetry(bag)
     path = bag.with_name("run_foxglove.mcap")
     write_foxglove(run, path)
-    found = Recording.read(path)
+    recording = Recording.read(path)
     layout = json.loads(foxglove_layout(run.axes))
     panels = layout["configById"]
     paths = [item["value"] for panel in panels.values() for item in panel.get("paths", ())]
@@ -104,7 +104,7 @@ def test_every_path_of_foxglove_is_in_the_file(bag: Path) -> None:
     paths += [panel["topicPath"] for panel in panels.values() if "topicPath" in panel]
     for item in paths:
         topic, fields = re.fullmatch(r"([^.]+)\.?(.*?)(?:\.@mul\(\d+\))?", item).groups()  # type: ignore[union-attr]
-        assert _values(next(iter(found.messages_of(topic))), fields), item
+        assert _values(next(iter(recording.messages_of(topic))), fields), item
     assert set(_leaves(layout["layout"])) == set(panels)
 
 
@@ -119,11 +119,11 @@ def test_axes_of_any_name_have_a_layout(axes: tuple[str, ...]) -> None:
     json.loads(foxglove_layout(axes))
 
 
-def _plotjuggler_series(found: Recording) -> set[str]:
+def _plotjuggler_series(recording: Recording) -> set[str]:
     """Names that PlotJuggler gives to the series of a bag of standard messages."""
     series = set()
-    for topic in found.topics:
-        message = next(iter(found.messages_of(topic.name)))
+    for topic in recording.topics:
+        message = next(iter(recording.messages_of(topic.name)))
         if topic.type == "sensor_msgs/msg/JointState":
             arrays = [name for name in ("position", "velocity", "effort") if np.isfinite(getattr(message, name)).any()]
             series |= {f"{topic.name}/{joint}/{name}" for joint in message.name for name in arrays}
@@ -134,15 +134,15 @@ def _plotjuggler_series(found: Recording) -> set[str]:
 
 def _values(message: Any, fields: str) -> list[Any]:
     """What a path of Foxglove finds in a message: fields, all items of arrays, and those whose field has a value."""
-    found = [message]
+    values = [message]
     for part in filter(None, fields.split(".")):
         name, items, key, value = re.fullmatch(r'(\w+)(\[:\])?(?:\{(\w+)=="(.*)"\})?', part).groups()  # type: ignore[union-attr]
-        found = [getattr(item, name) for item in found]
+        values = [getattr(item, name) for item in values]
         if items:
-            found = [item for array in found for item in array]
+            values = [item for array in values for item in array]
         if key:
-            found = [item for item in found if getattr(item, key) == value]
-    return found
+            values = [item for item in values if getattr(item, key) == value]
+    return values
 
 
 def _leaves(node: Any) -> list[str]:

@@ -47,9 +47,9 @@ def test_the_bearing_levitates_and_answers_as_under_the_pd_law() -> None:
     signal = generate(Square(amplitude=10e-6, duration=0.1, frequency=20.0), RATE).samples
     parameters = ControllerParameters()
     expected = simulate(Plant(), PdController(parameters), 2_000, signal, 1_000)
-    found = simulate(Plant(), law(pd_as_linear(parameters)), 2_000, signal, 1_000)
+    record = simulate(Plant(), law(pd_as_linear(parameters)), 2_000, signal, 1_000)
     # The amplifiers' switching instants multiply rounding: not bit for bit.
-    np.testing.assert_allclose(found.position, expected.position, atol=1e-8)
+    np.testing.assert_allclose(record.position, expected.position, atol=1e-8)
 
 
 def test_an_integrator_takes_the_sag_away() -> None:
@@ -87,8 +87,8 @@ def test_with_anti_windup_the_current_leaves_its_limit_at_once() -> None:
 
 def test_the_anti_windup_gain_makes_the_controller_forget() -> None:
     unstable = controller([[1.01, 0.1], [0.0, 0.5]], [[1.0], [1.0]], [[1.0, 1.0]], [[0.0]])
-    found = with_anti_windup(unstable)
-    assert np.abs(np.linalg.eigvals(found.a - found.k @ found.c)).max() < 1.0
+    model = with_anti_windup(unstable)
+    assert np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max() < 1.0
     given = replace(unstable, k=np.array([[0.3], [0.1]]))
     assert with_anti_windup(given) is given
     stable = pd_as_linear(ControllerParameters(derivative_filter=1e-4))

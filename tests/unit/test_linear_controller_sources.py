@@ -155,8 +155,8 @@ def test_a_parameter_file_names_a_linear_controller_or_has_a_pd_one(file: Path, 
     path = tmp_path / "loop.yaml"
     linear = f"/amb/state_space_controller:\n  ros__parameters: {{controller_file: {file.name}, current_limit: 2.0}}\n"
     path.write_text(linear)
-    found = named_controller(str(path), sample_rate=1.0 / SAMPLE_TIME)
-    assert isinstance(found, LinearControl) and found.current_limit == 2.0
+    law = named_controller(str(path), sample_rate=1.0 / SAMPLE_TIME)
+    assert isinstance(law, LinearControl) and law.current_limit == 2.0
     path.write_text(linear + "/amb/pd_controller:\n  ros__parameters: {proportional_gain: 15000.0}\n")
     with pytest.raises(
         ParameterError, match=r"has two controllers, pd_controller and state_space_controller; name the"

@@ -74,9 +74,9 @@ def test_a_band_to_600_hz_excites_too_few_lags_for_five_axes() -> None:
 def test_the_excitation_of_the_rig_has_the_amplitude_and_band_of_a_rigid_rotor() -> None:
     machine = plant("rig")
     end = machine_experiment.band_end(machine.parameters)
-    found = machine_experiment.multisine(machine.machine, end, machine_experiment.amplitude(end))
-    assert (found.amplitude, found.frequency_start, found.frequency_end) == (1.5e-6, 2.0, 600.0)
-    assert (found.axes, found.odd, found.periods, found.duration) == ("orthogonal", True, 2, 4.0)
+    excitation = machine_experiment.multisine(machine.machine, end, machine_experiment.amplitude(end))
+    assert (excitation.amplitude, excitation.frequency_start, excitation.frequency_end) == (1.5e-6, 2.0, 600.0)
+    assert (excitation.axes, excitation.odd, excitation.periods, excitation.duration) == ("orthogonal", True, 2, 4.0)
 
 
 def test_a_wider_band_has_a_smaller_amplitude() -> None:

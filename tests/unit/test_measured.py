@@ -30,12 +30,12 @@ def test_every_measured_table_is_shown_once() -> None:
 
 @pytest.mark.parametrize("name", names())
 def test_a_file_names_rooms_that_exist_and_figures_that_are_declared(name: str) -> None:
-    found = load(name)
-    assert found.rooms and not [room for room in found.rooms if not (ROOT / room).exists()]
-    assert found.results in {"", *(program.results for program in PROGRAMS)}
-    assert re.fullmatch("[0-9a-f]{40}", found.commit)
-    if found.declared:
-        assert declaration_problems(found.declared, found.figures, partial=not found.exact) == []
+    measured = load(name)
+    assert measured.rooms and not [room for room in measured.rooms if not (ROOT / room).exists()]
+    assert measured.results in {"", *(program.results for program in PROGRAMS)}
+    assert re.fullmatch("[0-9a-f]{40}", measured.commit)
+    if measured.declared:
+        assert declaration_problems(measured.declared, measured.figures, partial=not measured.exact) == []
 
 
 @pytest.fixture
@@ -46,16 +46,16 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measured:
         subprocess.run([*GIT, *words], cwd=tmp_path, check=True)
     head = subprocess.run([*GIT, "rev-parse", "HEAD"], cwd=tmp_path, check=True, capture_output=True, text=True)
     tables = {"t": {"columns": ["what", ""], "rows": [["a", "{share!p:.0f} %"]]}}
-    found = Measured(
+    figures = Measured(
         command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True, rooms=["room"],
         results="", figures={"share": 0.25}, tables=tables,
     )  # fmt: skip
     folder = tmp_path / "docs" / "measured"
     folder.mkdir(parents=True)
-    (folder / "example.json").write_text(found.model_dump_json())
+    (folder / "example.json").write_text(figures.model_dump_json())
     monkeypatch.setattr(measured, "ROOT", tmp_path)
     monkeypatch.setattr(measured, "FOLDER", folder)
-    return found
+    return figures
 
 
 def test_figures_are_stale_when_a_room_changes(checkout: Measured) -> None:

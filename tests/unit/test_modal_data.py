@@ -57,12 +57,12 @@ def test_arrays_cannot_be_changed():
 def test_mode_shapes_of_the_wrong_size_are_refused(tmp_path, name):
     content = arrays()
     content[name] = content[name][:, :-1]
-    found, needed = content[name].shape, arrays()[name].shape
+    shape, needed = content[name].shape, arrays()[name].shape
     np.savez(tmp_path / "rotor.npz", **content)
     with pytest.raises(PlantError) as error:
         ModalData.load(tmp_path / "rotor.npz")
     assert str(error.value) == (
-        f"modal data {tmp_path / 'rotor.npz'}: '{name}' has shape {found}; {needed} is needed, for 6 modes"
+        f"modal data {tmp_path / 'rotor.npz'}: '{name}' has shape {shape}; {needed} is needed, for 6 modes"
     )
 
 

@@ -196,9 +196,9 @@ def test_states_without_effect_go_without_error(bearing: LinearBearing) -> None:
         transition = np.linalg.matrix_power(reduction.model.a, power)
         expected = np.linalg.matrix_power(full.a, power)
         for name in ("k", "initial_state"):
-            found = reduction.model.c @ transition @ getattr(reduction.model, name)
+            markov = reduction.model.c @ transition @ getattr(reduction.model, name)
             right = full.c @ expected @ getattr(full, name)
-            np.testing.assert_allclose(found, right, rtol=1e-4, atol=1e-9 * np.abs(right).max())
+            np.testing.assert_allclose(markov, right, rtol=1e-4, atol=1e-9 * np.abs(right).max())
 
 
 @pytest.mark.parametrize("order", [0, 1, 11])

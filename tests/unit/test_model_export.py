@@ -332,10 +332,10 @@ def test_the_script_for_python_makes_the_same_system(model: StateSpaceModel, tmp
 def test_the_numbers_for_julia_are_read_back_bit_for_bit(model: StateSpaceModel) -> None:
     text = julia_text(model)
     for name, field in MATRICES.items():
-        found = re.search(rf"^{name} = reshape\(\[(.*)\], (\d+), (\d+)\)", text, re.MULTILINE)
-        assert found
-        numbers = np.array([float(word) for word in found[1].split(",")])
-        array = numbers.reshape((int(found[2]), int(found[3])), order="F")  # Julia goes column by column
+        match = re.search(rf"^{name} = reshape\(\[(.*)\], (\d+), (\d+)\)", text, re.MULTILINE)
+        assert match
+        numbers = np.array([float(word) for word in match[1].split(",")])
+        array = numbers.reshape((int(match[2]), int(match[3])), order="F")  # Julia goes column by column
         assert np.ascontiguousarray(array).tobytes() == getattr(model, field).tobytes()
     assert f"Ts = {model.sample_time!r} " in text
     assert text.endswith("plant = ss(A, B, C, D, Ts)\n")
@@ -345,8 +345,8 @@ def test_the_numbers_for_julia_are_read_back_bit_for_bit(model: StateSpaceModel)
 
 
 def run(*arguments: str) -> tuple[int, str]:
-    found = CliRunner().invoke(app, ["model", "export", *arguments])
-    return found.exit_code, str(found.exception or "") + found.output
+    result = CliRunner().invoke(app, ["model", "export", *arguments])
+    return result.exit_code, str(result.exception or "") + result.output
 
 
 def test_the_command_writes_beside_the_model_and_overwrites_only_if_told(tmp_path: Path) -> None:

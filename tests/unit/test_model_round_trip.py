@@ -26,11 +26,11 @@ TEXTS = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]
 @st.composite
 def models(draw: st.DrawFn) -> StateSpaceModel:
     n, m, p = draw(st.integers(1, 5)), draw(st.integers(1, 3)), draw(st.integers(1, 3))
-    found = draw(st.lists(NUMBERS, min_size=1, max_size=4))
+    values = draw(st.lists(NUMBERS, min_size=1, max_size=4))
     random = np.random.default_rng(draw(st.integers(0, 1000)))
 
     def numbers(*shape: int) -> Any:
-        return np.where(random.random(shape) < 0.5, random.choice(found, shape), random.normal(size=shape))
+        return np.where(random.random(shape) < 0.5, random.choice(values, shape), random.normal(size=shape))
 
     def texts(count: int) -> tuple[str, ...]:
         return tuple(draw(st.lists(TEXTS, min_size=count, max_size=count)))

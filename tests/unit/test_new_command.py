@@ -51,8 +51,8 @@ def test_a_file_is_written_that_all_nodes_take(tmp_path: Path) -> None:
     tuned = tmp_path / "tuned.yaml"
     assert "PD gains for" in amb("tune", "gains", file, "--out", tuned, "--set", "rotor.mass=5")
     check_parameter_file(tuned)
-    given, found = (load_parameters(ControllerParameters, path, "pd_controller", part=True) for path in (file, tuned))
-    assert found.derivative_gain > given.derivative_gain  # of the heavier rotor
+    given, heavier = (load_parameters(ControllerParameters, path, "pd_controller", part=True) for path in (file, tuned))
+    assert heavier.derivative_gain > given.derivative_gain  # of the heavier rotor
 
     assert "peak sensitivity" in amb("tune", "chart", tuned, "--points", "10", "--out", tmp_path / "tune")
     assert (tmp_path / "tune" / "stability.png").stat().st_size > 10_000

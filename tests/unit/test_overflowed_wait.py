@@ -79,10 +79,10 @@ def test_without_a_compiler_there_is_one_warning(tmp_path: Path, monkeypatch: py
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("PATH", "")
     overflowed_wait.correct.cache_clear()
-    with warnings.catch_warnings(record=True) as found:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         overflowed_wait.correct()
         overflowed_wait.correct()
     overflowed_wait.correct.cache_clear()
-    assert [str(item.message).partition(" has a fault")[0] for item in found] == [str(library)]
-    assert "gcc" in str(found[0].message)
+    assert [str(item.message).partition(" has a fault")[0] for item in warned] == [str(library)]
+    assert "gcc" in str(warned[0].message)

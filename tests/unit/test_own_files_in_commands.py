@@ -40,14 +40,14 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Case], Pat
     """Folder with the model of a file, `model.json`, and its saved description, `my_rig.yaml`."""
 
     @functools.cache
-    def found(case: Case) -> Path:
+    def folder_of(case: Case) -> Path:
         folder = tmp_path_factory.mktemp("identified")
         words = (*case.options, "--order", 2 * case.axes, "--save-description", folder / "my_rig.yaml")
         code, shown = amb("identify", FOLDER / case.file, *words, "--out", folder / "model.json")
         assert code == 0, shown
         return folder
 
-    return found
+    return folder_of
 
 
 @pytest.mark.parametrize("case", FILES.values(), ids=lambda case: case.file)

@@ -79,12 +79,12 @@ def manifest_of(package: Path) -> ElementTree.Element:
 @functools.cache
 def built(package: Path) -> Distribution:
     """What setup.py passes to setuptools."""
-    found: list[dict] = []
+    passed: list[dict] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(package)
-        patch.setattr(setuptools, "setup", lambda **arguments: found.append(arguments))
+        patch.setattr(setuptools, "setup", lambda **arguments: passed.append(arguments))
         exec(compile(Path("setup.py").read_text(), str(package / "setup.py"), "exec"), {"__name__": "__main__"})
-    return Distribution(found[0])
+    return Distribution(passed[0])
 
 
 def required(package: Path) -> dict[str, Requirement]:

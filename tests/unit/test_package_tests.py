@@ -12,8 +12,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_each_test_belongs_to_one_package_and_each_package_has_some() -> None:
-    found = [file for package in PACKAGES for file in files_of(package)]
-    assert sorted(found) == sorted([*ROOT.glob("tests/unit/test_*.py"), *ROOT.glob("tests/graph/test_*.py")])
+    files = [file for package in PACKAGES for file in files_of(package)]
+    assert sorted(files) == sorted([*ROOT.glob("tests/unit/test_*.py"), *ROOT.glob("tests/graph/test_*.py")])
     assert all(files_of(package) for package in PACKAGES)
     assert set(PACKAGES) == {path.parent.name for path in [*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")]}
 

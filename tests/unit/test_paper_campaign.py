@@ -59,9 +59,9 @@ def test_a_finished_study_is_read_from_the_disk_as_it_was(tmp_path: Path) -> Non
 
 
 def test_a_study_that_has_the_machine_for_itself_is_told_when_it_begins(tmp_path: Path) -> None:
-    told: list[str] = []
-    run_campaign([Drawing()], Workplace(cache=tmp_path, tell=told.append))
-    assert told == ["drawing"]
+    reports: list[str] = []
+    run_campaign([Drawing()], Workplace(cache=tmp_path, report=reports.append))
+    assert reports == ["drawing"]
 
 
 def test_others_are_kept_when_a_study_fails(tmp_path: Path) -> None:

@@ -27,12 +27,12 @@ def record(position: np.ndarray) -> LoopRecord:
 
 def transients(short: float, long: float = 4e-6, pem: float = 4e-6) -> list[Transient]:
     """ARX of few lags errs by `short` in the noisiest data and like the others elsewhere."""
-    found = []
+    trials = []
     for noise in NOISES:
-        found.append(Transient(noise, 0, 10, pem))
+        trials.append(Transient(noise, 0, 10, pem))
         for lags in LAGS:
-            found.append(Transient(noise, lags, 2 * lags, short if noise == NOISES[-1] else long))
-    return found
+            trials.append(Transient(noise, lags, 2 * lags, short if noise == NOISES[-1] else long))
+    return trials
 
 
 @pytest.mark.parametrize(("short", "verdict"), [(5e-6, "does not agree"), (50e-6, "agrees in part")])
@@ -53,12 +53,12 @@ def errors(first: float, last: float) -> SweepError:
     return SweepError(np.geomspace(11.0, 400.0, 5), 1e-6 * rising, 1e-6 * rising, rising)
 
 
-def regions(*found: Region) -> Classification:
-    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in found}, {"x": {}, "y": {}})
+def regions(*begun: Region) -> Classification:
+    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in begun}, {"x": {}, "y": {}})
 
 
 @pytest.mark.parametrize(
-    ("first", "last", "found", "verdicts"),
+    ("first", "last", "begun", "verdicts"),
     [
         (0.02, 1.0, (Region.B, Region.C), ["agrees", "agrees", "agrees"]),
         (0.02, 1.0, (Region.B, Region.D), ["agrees", "agrees", "agrees in part"]),
@@ -66,9 +66,9 @@ def regions(*found: Region) -> Classification:
     ],
 )
 def test_a_sweep_is_judged_by_the_error_at_its_ends(
-    first: float, last: float, found: tuple[Region, ...], verdicts: list[str]
+    first: float, last: float, begun: tuple[Region, ...], verdicts: list[str]
 ) -> None:
-    told = concurrent_sweep.claims(errors(first, last), regions(*found), 400.0, False)
+    told = concurrent_sweep.claims(errors(first, last), regions(*begun), 400.0, False)
     assert [claim.verdict for claim in told] == verdicts
 
 
@@ -76,10 +76,10 @@ def test_error_over_frequency_tells_bias_and_movement_apart() -> None:
     frequency = np.linspace(10.0, 100.0, 1_000)
     moved = 1e-6 * np.sin(np.arange(1_000.0))
     measured = record(np.column_stack([moved + 5e-6, 2.0 * moved]))
-    found = sweep_error(measured, record(np.column_stack([moved, moved])), frequency, bands=4)
-    np.testing.assert_allclose(found.mean[:, 0], 5e-6)
-    np.testing.assert_allclose(found.movement[:, 0], 0.0, atol=1e-18)
-    np.testing.assert_allclose(found.relative[:, 1], 0.5, rtol=0.01)
+    error = sweep_error(measured, record(np.column_stack([moved, moved])), frequency, bands=4)
+    np.testing.assert_allclose(error.mean[:, 0], 5e-6)
+    np.testing.assert_allclose(error.movement[:, 0], 0.0, atol=1e-18)
+    np.testing.assert_allclose(error.relative[:, 1], 0.5, rtol=0.01)
 
 
 def test_error_over_frequency_refuses_bands_without_samples() -> None:

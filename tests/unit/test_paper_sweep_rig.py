@@ -49,21 +49,21 @@ def test_the_rig_survives_as_configured_or_with_other_options(ends: dict[str, fl
 
 
 @pytest.mark.parametrize(
-    ("span", "told", "verdict"),
+    ("span", "reported", "verdict"),
     [(6e-6, True, "agrees"), (6e-6, False, "agrees in part"), (1e-6, True, "does not agree")],
 )
-def test_a_drift_is_more_than_the_threshold(span: float, told: bool, verdict: str) -> None:
-    claim = judge_drift(np.array([-70e-6, -70e-6 + span]), told)
+def test_a_drift_is_more_than_the_threshold(span: float, reported: bool, verdict: str) -> None:
+    claim = judge_drift(np.array([-70e-6, -70e-6 + span]), reported)
     assert claim.verdict == verdict
     assert bool(claim.reason) == (verdict != "agrees")
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "told", "verdict"),
+    ("amplitude", "reported", "verdict"),
     [(9e-6, True, "agrees"), (9e-6, False, "agrees in part"), (0.1e-6, False, "does not agree")],
 )
-def test_slow_motion_that_is_beating_agrees_in_part(amplitude: float, told: bool, verdict: str) -> None:
-    claim = judge_slow(amplitude, 3333.0, told=told)
+def test_slow_motion_that_is_beating_agrees_in_part(amplitude: float, reported: bool, verdict: str) -> None:
+    claim = judge_slow(amplitude, 3333.0, reported=reported)
     assert claim.verdict == verdict
     assert bool(claim.reason) == (verdict != "agrees")
 

@@ -55,8 +55,8 @@ def swept(plant: Plant):
             states.append(RegionState(step, (axis, replace(axis, name="y")), (), region, since, 0.0, True))
         samples = np.zeros((STEPS, 2))
         record = LoopRecord(0, 1e-4, samples, samples, samples)
-        found = Classification(states, onsets, {"x": {}, "y": onsets})
-        return SweptBearing(plant, ControllerParameters(), record, FREQUENCY, found)
+        classification = Classification(states, onsets, {"x": {}, "y": onsets})
+        return SweptBearing(plant, ControllerParameters(), record, FREQUENCY, classification)
 
     return make
 
@@ -124,22 +124,22 @@ def test_regions_out_of_order_do_not_pass(swept, begins) -> None:
     [(55.0, "agrees"), (45.0, "agrees in part"), (20.0, "does not agree"), (110.0, "does not agree")],
 )
 def test_the_slow_oscillation_is_held_against_the_dominant_pole(swept, slow, verdict) -> None:
-    found = bearings(swept({}), swept(BEGINS, slow), swept({}))
-    claim = frequency_claim(found, dict.fromkeys(found, POLE))
+    compared = bearings(swept({}), swept(BEGINS, slow), swept({}))
+    claim = frequency_claim(compared, dict.fromkeys(compared, POLE))
     assert claim.verdict == verdict
     assert bool(claim.reason) == (verdict != "agrees")
 
 
 def test_a_slow_oscillation_with_the_slow_amplifier_alone_agrees_in_part(swept) -> None:
-    found = bearings(swept({}), swept({}), swept(BEGINS))
-    claim = frequency_claim(found, dict.fromkeys(found, POLE))
+    compared = bearings(swept({}), swept({}), swept(BEGINS))
+    claim = frequency_claim(compared, dict.fromkeys(compared, POLE))
     assert claim.verdict == "agrees in part"
     assert "against table 1" in claim.reason
 
 
 def test_without_a_slow_oscillation_its_frequency_cannot_agree(swept) -> None:
-    found = dict.fromkeys((PAPER, TOP, SLOW), swept({Region.B: 3_000}))
-    claim = frequency_claim(found, dict.fromkeys(found, POLE))
+    compared = dict.fromkeys((PAPER, TOP, SLOW), swept({Region.B: 3_000}))
+    claim = frequency_claim(compared, dict.fromkeys(compared, POLE))
     assert claim.verdict == "does not agree"
     assert "nan" not in claim.finding
 
@@ -190,10 +190,10 @@ def test_the_force_law_is_the_cause_of_what_remains_without_limits(swept, with_f
 
 def test_the_rotor_is_slower_where_region_a_ends_if_it_responds_less(swept) -> None:
     run = swept(BEGINS)
-    axes = [state.axis("y") for state in run.found.states]
+    axes = [state.axis("y") for state in run.classification.states]
     axes = [replace(axis, response_amplitude=1e-3 / axis.input_frequency**2) for axis in axes]
-    states = [replace(state, axes=(axis,)) for state, axis in zip(run.found.states, axes, strict=True)]
-    slowing = replace(run, found=replace(run.found, states=states))
+    states = [replace(state, axes=(axis,)) for state, axis in zip(run.classification.states, axes, strict=True)]
+    slowing = replace(run, classification=replace(run.classification, states=states))
     assert motion_claim("causes", rotor_speed(slowing), slowing).verdict == "does not agree"
     assert motion_claim("causes", rotor_speed(run), run).verdict == "agrees"  # as far at every frequency: ever faster
 

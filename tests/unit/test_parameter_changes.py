@@ -76,9 +76,9 @@ def test_an_empty_list_is_left_out_since_ros_cannot_read_it(tmp_path: Path) -> N
     ],
 )
 def test_what_cannot_be_set_is_refused_in_one_line(change: str, problem: str, tmp_path: Path) -> None:
-    with pytest.raises(ParameterError, match=problem) as found:
+    with pytest.raises(ParameterError, match=problem) as refusal:
         changed(tmp_path, change)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(refusal.value)
 
 
 def leaves(command: Any, name: str = "amb") -> dict[str, Any]:

@@ -157,11 +157,13 @@ def by_ros(file: Path) -> dict[str, Any]:
             automatically_declare_parameters_from_overrides=True,
             start_parameter_services=False,
         )
-        found = {name: item.value for name, item in node.get_parameters_by_prefix("").items() if not of_rclpy(name)}
+        parameters = {
+            name: item.value for name, item in node.get_parameters_by_prefix("").items() if not of_rclpy(name)
+        }
         node.destroy_node()
     finally:
         context.try_shutdown()
-    return {name: list(value) if hasattr(value, "tolist") else value for name, value in found.items()}
+    return {name: list(value) if hasattr(value, "tolist") else value for name, value in parameters.items()}
 
 
 def test_a_graph_in_another_namespace_reads_its_own_section(file: Path) -> None:

@@ -72,8 +72,8 @@ def test_a_wheel_from_an_sdist_emulates_a_target(tmp_path: Path) -> None:
     installed, cache = tmp_path / "installed", tmp_path / "cache"
     run(tmp_path, sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", installed, built(tmp_path))
     alone = {"PYTHONPATH": str(installed), "XDG_CACHE_HOME": str(cache)}
-    found = run(tmp_path / "empty", sys.executable, "-c", EMULATION, **alone).stdout.split()
-    assert found == [str(installed / "amb_core" / "__init__.py"), str(cache / "amb" / "target" / "libamb_target.so")]
+    places = run(tmp_path / "empty", sys.executable, "-c", EMULATION, **alone).stdout.split()
+    assert places == [str(installed / "amb_core" / "__init__.py"), str(cache / "amb" / "target" / "libamb_target.so")]
 
 
 def test_a_package_without_the_code_of_the_target_is_not_built(tmp_path: Path) -> None:
@@ -96,11 +96,11 @@ def test_the_examples_run_where_pip_alone_has_installed_the_library(tmp_path: Pa
     run(tmp_path, python, "-m", "pip", "install", "-q", "--no-input", "-c", pins, f"{built(tmp_path)}[all]")
     run(tmp_path, python, "-m", "pip", "check")
     # nothing of ROS, and nothing of this checkout
-    found = run(
+    shown = run(
         tmp_path, python, "-c", "import amb_core, importlib.util as u; print(amb_core.__file__, u.find_spec('rclpy'))"
     )
-    assert found.stdout.split()[0].startswith(str(tmp_path / "venv"))
-    assert found.stdout.split()[1] == "None"
+    assert shown.stdout.split()[0].startswith(str(tmp_path / "venv"))
+    assert shown.stdout.split()[1] == "None"
     examples = re.findall(r"^```python\n(.*?)^```$", README.read_text(), re.DOTALL | re.MULTILINE)
     assert len(examples) >= 5
     script = tmp_path / "examples.py"

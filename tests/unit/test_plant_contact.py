@@ -5,8 +5,8 @@ import pytest
 
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters
-from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.parameters import BackupBearingParameters
+from tests.validation.energy import EnergyAccount
 
 MASS, GRAVITY = 6.25, 9.81
 

@@ -17,8 +17,8 @@ from amb_core.plant import (
     Trace,
 )
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
-from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.simulation import simulate
+from tests.validation.energy import EnergyAccount
 
 
 def joined(traces: list[Trace]) -> dict[str, np.ndarray]:

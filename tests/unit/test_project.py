@@ -50,17 +50,17 @@ def states(folder: Path) -> dict[str, State]:
 
 
 def test_all_that_belongs_together_is_current(folder: Path) -> None:
-    found = states(folder)
-    assert found == dict.fromkeys((Kind.BEARING, Kind.MAP, Kind.DESIGN, Kind.MODEL), State.CURRENT)
+    by_kind = states(folder)
+    assert by_kind == dict.fromkeys((Kind.BEARING, Kind.MAP, Kind.DESIGN, Kind.MODEL), State.CURRENT)
 
 
 def test_another_value_in_the_bearings_file_makes_its_map_and_design_stale(folder: Path) -> None:
     path = folder / "bearing.yaml"
     path.write_text(path.read_text().replace("mass: 3.0", "mass: 3.5"))
-    found = {item.kind: item for item in status_of(folder).items}
-    assert found[Kind.MAP].state is State.STALE
-    assert "rotor.mass = 3.0 (now 3.5)" in found[Kind.MAP].reason
-    assert (found[Kind.DESIGN].state, found[Kind.DESIGN].reason) == (State.STALE, "map.json is stale")
+    items = {item.kind: item for item in status_of(folder).items}
+    assert items[Kind.MAP].state is State.STALE
+    assert "rotor.mass = 3.0 (now 3.5)" in items[Kind.MAP].reason
+    assert (items[Kind.DESIGN].state, items[Kind.DESIGN].reason) == (State.STALE, "map.json is stale")
     assert status_of(folder).step.command == "amb map --params bearing.yaml"
 
 
@@ -82,9 +82,9 @@ def test_what_was_made_from_changed_files_is_stale(folder: Path) -> None:
     (folder / "data.csv").write_text("u,y\n1,3\n")
     with (folder / "map.json").open("a") as file:
         file.write("\n")
-    found = {item.kind: (item.state, item.reason) for item in status_of(folder).items}
-    assert found[Kind.MODEL] == (State.STALE, "data.csv has changed since")
-    assert found[Kind.DESIGN] == (State.STALE, "map.json has changed since")
+    items = {item.kind: (item.state, item.reason) for item in status_of(folder).items}
+    assert items[Kind.MODEL] == (State.STALE, "data.csv has changed since")
+    assert items[Kind.DESIGN] == (State.STALE, "map.json has changed since")
 
 
 def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
@@ -107,16 +107,16 @@ def test_inputs_that_are_not_recorded_or_not_there_are_unknown(folder: Path) -> 
     (folder / "design/summary.json").write_text(
         json.dumps({"parameters": {}, "largest_amplitude": 1e-5, "limited_by": ""})
     )
-    found = states(folder)
-    assert (found[Kind.MODEL], found[Kind.DESIGN]) == (State.UNKNOWN, State.UNKNOWN)
+    by_kind = states(folder)
+    assert (by_kind[Kind.MODEL], by_kind[Kind.DESIGN]) == (State.UNKNOWN, State.UNKNOWN)
 
 
 def test_a_bag_is_an_experiment(folder: Path) -> None:
     write_telemetry(folder / "lab bag", [(1, 100 * number) for number in range(3)])
-    found = status_of(folder)
-    assert [str(item.path) for item in found.items if item.kind is Kind.EXPERIMENT] == ["lab bag"]
+    status = status_of(folder)
+    assert [str(item.path) for item in status.items if item.kind is Kind.EXPERIMENT] == ["lab bag"]
     command = "amb experiment --design design --seed 2 --params bearing.yaml --record validation --no-report"
-    assert found.step.command == command
+    assert status.step.command == command
 
 
 def test_the_next_commands_lead_from_an_empty_folder_to_the_map(folder: Path, tmp_path_factory) -> None:

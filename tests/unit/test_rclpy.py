@@ -35,7 +35,7 @@ def test_no_private_attribute_of_a_library_is_used() -> None:
     modules = {file: private_names(ast.parse(file.read_text())) for file in SOURCES}
     own = set().union(*(defined for _, defined in modules.values()))
     foreign = {
-        str(file.relative_to(ROOT)): found for file, (read, _) in modules.items() if (found := read - own - PUBLIC)
+        str(file.relative_to(ROOT)): names for file, (read, _) in modules.items() if (names := read - own - PUBLIC)
     }
     assert not foreign
 

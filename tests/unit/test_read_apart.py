@@ -91,7 +91,7 @@ def test_the_reader_ends_and_the_next_file_is_read(made: Callable[[str], Path], 
 
 
 def test_a_child_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    few = limits.Limits(expanded=1 << 20, values=1 << 20, texts=1 << 20, memory=1 << 28, seconds=0.1)
+    few = limits.ReadLimits(expanded=1 << 20, values=1 << 20, texts=1 << 20, memory=1 << 28, seconds=0.1)
     monkeypatch.setattr(apart, "limits_for", lambda _: few)
     os.mkfifo(tmp_path / "pipe")
     reader = apart.Apart("pathlib:Path", tmp_path / "pipe")
@@ -132,7 +132,7 @@ def test_variables_have_their_shapes(tmp_path: Path) -> None:
     from scipy.io import savemat
 
     savemat(tmp_path / "a.mat", {"s": {"u": np.ones((3, 2)), "name": "rig"}, "c": np.array([[1 + 2j]])})
-    found = load_variables(tmp_path / "a.mat")
-    assert found["s"]["u"].shape == (3, 2)
-    assert str(found["s"]["name"][0]) == "rig"
-    assert found["c"].item() == 1 + 2j
+    variables = load_variables(tmp_path / "a.mat")
+    assert variables["s"]["u"].shape == (3, 2)
+    assert str(variables["s"]["name"][0]) == "rig"
+    assert variables["c"].item() == 1 + 2j

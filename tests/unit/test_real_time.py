@@ -39,15 +39,15 @@ def test_what_names_no_processors_is_refused(text: str) -> None:
 
 def in_a_thread(parameters: RealTimeParameters) -> tuple[str, set[int]]:
     """What was not possible for a thread, and its processors afterwards."""
-    found = []
+    results = []
 
     def enter() -> None:
-        found.append((enter_real_time(parameters), os.sched_getaffinity(0)))
+        results.append((enter_real_time(parameters), os.sched_getaffinity(0)))
 
     thread = threading.Thread(target=enter)
     thread.start()
     thread.join()
-    return found[0]
+    return results[0]
 
 
 def test_only_the_calling_thread_is_bound_to_its_processors() -> None:

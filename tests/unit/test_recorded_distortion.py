@@ -77,17 +77,17 @@ def true_share(square: float) -> float:
 
 @pytest.mark.parametrize("between", [REST, REST[:0]])
 def test_realisations_in_one_recording_are_found_and_give_the_robust_method(between: Signal) -> None:
-    found = measure_recorded([respond(multisine(0, 1, 2, 3, between=between), square=4e4)])
-    assert (found.method, found.experiments, found.periods, found.period) == ("robust", 4, 2, 1.0)
-    assert found.ratio[0] < 1e-6, "x is linear"
-    assert found.ratio[1] == pytest.approx(true_share(4e4), rel=0.15)
-    assert found.even_ratio[1] == pytest.approx(found.ratio[1]), "a square is of even order"
-    assert found.odd_ratio[1] < 0.02 * found.ratio[1]
-    np.testing.assert_array_equal(np.round(found.frequency), LINES.excited)
+    distortion = measure_recorded([respond(multisine(0, 1, 2, 3, between=between), square=4e4)])
+    assert (distortion.method, distortion.experiments, distortion.periods, distortion.period) == ("robust", 4, 2, 1.0)
+    assert distortion.ratio[0] < 1e-6, "x is linear"
+    assert distortion.ratio[1] == pytest.approx(true_share(4e4), rel=0.15)
+    assert distortion.even_ratio[1] == pytest.approx(distortion.ratio[1]), "a square is of even order"
+    assert distortion.odd_ratio[1] < 0.02 * distortion.ratio[1]
+    np.testing.assert_array_equal(np.round(distortion.frequency), LINES.excited)
     b, a = butter(2, 60.0, fs=RATE)
-    z = np.exp(-2j * np.pi * found.frequency / RATE)
+    z = np.exp(-2j * np.pi * distortion.frequency / RATE)
     expected = COUPLING * ((np.polyval(b[::-1], z) / np.polyval(a[::-1], z)) * z**3)[:, None, None]
-    np.testing.assert_allclose(found.closed_loop[:, 0], expected[:, 0], atol=1e-6)
+    np.testing.assert_allclose(distortion.closed_loop[:, 0], expected[:, 0], atol=1e-6)
 
 
 def test_one_realisation_with_lines_left_out_gives_the_fast_method() -> None:
@@ -111,14 +111,14 @@ def test_the_fast_response_is_that_of_the_robust_method_within_its_deviation() -
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_noise_and_the_transient_of_the_first_period_are_not_taken_for_distortion(count: int) -> None:
-    found = measure_recorded([respond(multisine(*range(count), periods=2), noise=4e-8, seed=count)])
-    assert found.periods == 2
-    assert np.all(found.ratio < 0.03), found.summary
+    distortion = measure_recorded([respond(multisine(*range(count), periods=2), noise=4e-8, seed=count)])
+    assert distortion.periods == 2
+    assert np.all(distortion.ratio < 0.03), distortion.summary
 
 
 def test_the_same_realisation_again_is_not_another_one() -> None:
-    found = measure_recorded([respond(multisine(0, 0, 0, 0), square=4e4)])
-    assert (found.method, found.experiments) == ("fast", 1)
+    distortion = measure_recorded([respond(multisine(0, 0, 0, 0), square=4e4)])
+    assert (distortion.method, distortion.experiments) == ("fast", 1)
 
 
 def test_the_excitation_that_nodes_play_is_such_a_signal() -> None:
@@ -133,17 +133,17 @@ def test_the_excitation_that_nodes_play_is_such_a_signal() -> None:
 
 def test_an_axis_that_is_not_excited_has_no_number() -> None:
     settings = {"amplitude": 6e-6, "duration": 3.0, "periods": 3, "odd": True, "frequency_end": 200.0}
-    found = measure_recorded([respond(excitation("multisine", axes="y", **settings), square=4e4)])
-    assert np.isnan(found.ratio[0]) and np.isfinite(found.ratio[1])
-    assert "x not excited" in found.summary and " on x" not in found.brief
-    assert found.as_dict()["x"]["distortion_percent"] is None
+    distortion = measure_recorded([respond(excitation("multisine", axes="y", **settings), square=4e4)])
+    assert np.isnan(distortion.ratio[0]) and np.isfinite(distortion.ratio[1])
+    assert "x not excited" in distortion.summary and " on x" not in distortion.brief
+    assert distortion.as_dict()["x"]["distortion_percent"] is None
 
 
 def test_squares_show_even_order_alone_and_say_so() -> None:
     squares = excitation("square", amplitude=5e-6, duration=4.0, frequency=10.0)
-    found = measure_recorded([respond(squares, square=4e4)])
-    assert not found.complete and found.even_ratio[1] > 0.01 and np.isnan(found.odd_ratio[1])
-    assert "with that of odd order hidden" in found.summary and "with that of odd order hidden" in found.brief
+    distortion = measure_recorded([respond(squares, square=4e4)])
+    assert not distortion.complete and distortion.even_ratio[1] > 0.01 and np.isnan(distortion.odd_ratio[1])
+    assert "with that of odd order hidden" in distortion.summary and "with that of odd order hidden" in distortion.brief
     assert measure_recorded([respond(squares)]).ratio[1] < 1e-6
 
 
@@ -161,18 +161,18 @@ def test_other_recordings_are_refused_with_what_is_needed_and_show_their_coheren
     record = respond(excitation(kind, amplitude=3e-6, **settings), square=4e4)
     with pytest.raises(SpectrumError, match=rf"{reason}.*needed: two whole periods or more of a multisine"):
         measure_recorded([record])
-    found = find_evidence([record])
-    assert found.distortion is None and found.coherence is not None
-    assert found.coherence.ratio[0] < 0.01 < found.coherence.ratio[1]
-    assert "noise and distortion together" in found.brief and "distortion alone not measured" in found.brief
+    evidence = find_evidence([record])
+    assert evidence.distortion is None and evidence.coherence is not None
+    assert evidence.coherence.ratio[0] < 0.01 < evidence.coherence.ratio[1]
+    assert "noise and distortion together" in evidence.brief and "distortion alone not measured" in evidence.brief
 
 
 def test_a_period_of_every_line_repeated_does_not_pass_for_free_of_distortion() -> None:
     record = respond(excitation("multisine", 3, amplitude=6e-6, duration=2.0, frequency_end=200.0), square=4e4)
     with pytest.raises(SpectrumError, match="every line of the band is excited, so distortion hides"):
         measure_recorded([record])
-    found = find_evidence([record]).coherence
-    assert found is not None and found.ratio[1] > 0.02
+    evidence = find_evidence([record]).coherence
+    assert evidence is not None and evidence.ratio[1] > 0.02
 
 
 def test_what_else_is_not_permitted_is_said() -> None:
@@ -192,10 +192,12 @@ def test_coherence_has_no_bias_from_the_number_of_lines(noise: float) -> None:
     clean, noisy = respond(reference), respond(reference, noise=noise)
     band = int(200.0 / RATE * len(reference)) * 2 / len(reference)
     expected = noise * np.sqrt(band) / np.std(clean.position, axis=0)
-    found = measure_coherence([noisy])
-    np.testing.assert_allclose(found.ratio, expected, rtol=0.2, atol=2e-3)
+    coherence = measure_coherence([noisy])
+    np.testing.assert_allclose(coherence.ratio, expected, rtol=0.2, atol=2e-3)
     if noise == 1e-5:
-        assert np.all(found.coherence[found.frequency > 150.0].mean(axis=0) < 0.1), "hardly any motion there but noise"
+        assert np.all(coherence.coherence[coherence.frequency > 150.0].mean(axis=0) < 0.1), (
+            "hardly any motion there but noise"
+        )
 
 
 def test_the_chart_of_a_coherence_has_its_numbers() -> None:
@@ -234,9 +236,9 @@ def test_a_bag_of_the_bearing_shows_what_its_simulation_does(tmp_path: Path) -> 
     summary = json.loads((out / "summary.json").read_text())
     expected = simulate_distortion(PlantParameters(), ControllerParameters(), BEARING).as_dict()
     assert summary["method"] == "robust"
-    found = summary["distortion"]["y"]
-    assert found["distortion_percent"] == pytest.approx(expected["y"]["distortion_percent"], rel=0.25)
-    assert found["even_percent"] > 10 * found["odd_percent"]
+    distortion = summary["distortion"]["y"]
+    assert distortion["distortion_percent"] == pytest.approx(expected["y"]["distortion_percent"], rel=0.25)
+    assert distortion["even_percent"] > 10 * distortion["odd_percent"]
     assert summary["coherence"] is None and "too short for bands of 30 Hz" in summary["coherence_problem"]
     assert (out / "distortion.png").is_file()
     assert "robust method" in shown.output
@@ -291,12 +293,14 @@ def test_validation_and_data_check_name_distortion_as_the_limit_of_the_fit(mixed
     assert finding.severity is Severity.WARNING
     assert re.search(r"a linear loop fits to about [3-6]\d % at most", finding.advice)
     for source in (mixed_up, gentle):
-        found = validate(identify(read(source).data, 8, method="ssarx").model, data, ControllerParameters())
-        assert found.fit[1] < 65.0, "not even the model of these data follows, though its controller is limited too"
-    text = " ".join(found.report().split())
+        validation = validate(identify(read(source).data, 8, method="ssarx").model, data, ControllerParameters())
+        assert validation.fit[1] < 65.0, (
+            "not even the model of these data follows, though its controller is limited too"
+        )
+    text = " ".join(validation.report().split())
     assert "may not be linear" in text and "Excite less" in text
-    assert "noise and distortion together" in found.summary
-    assert found.as_dict()["distortion"]["coherence"]["y"]["coherence"] < 0.9
+    assert "noise and distortion together" in validation.summary
+    assert validation.as_dict()["distortion"]["coherence"]["y"]["coherence"] < 0.9
 
 
 def test_options_of_the_simulation_are_refused_with_a_recording_and_the_other_way_round(tmp_path: Path) -> None:
@@ -305,5 +309,5 @@ def test_options_of_the_simulation_are_refused_with_a_recording_and_the_other_wa
         (["bag", "--set", "rotor.gravity=0"], "--params or --set is for the simulation only"),
         (["--run", "3"], "--run is for a recording only"),
     ):
-        found = CliRunner().invoke(app, ["distortion", *words, "--out", str(tmp_path)])
-        assert isinstance(found.exception, SpectrumError) and str(found.exception) == reason
+        result = CliRunner().invoke(app, ["distortion", *words, "--out", str(tmp_path)])
+        assert isinstance(result.exception, SpectrumError) and str(result.exception) == reason

@@ -136,13 +136,13 @@ def write_bag(
 
 @pytest.mark.parametrize("old", [False, True], ids=["definition", "bag of version 0.1"])
 def test_an_onset_has_the_frequency_that_the_excitation_had_there(tmp_path: Path, old: bool) -> None:
-    found = classify_run(Recording.read(write_bag(tmp_path / "bag", old=old)))
-    onset = found.classification.onsets[Region.B]
+    classified = classify_run(Recording.read(write_bag(tmp_path / "bag", old=old)))
+    onset = classified.classification.onsets[Region.B]
     assert onset.step == pytest.approx(DRIFT, abs=600)
     assert onset.input_frequency == pytest.approx(100.0 + 200.0 * (onset.step - START) / RATE)
-    assert found.frequency is not None
-    assert np.isnan(found.frequency[:START]).all() and found.frequency[START] == 100.0
-    assert not found.delevitated and not found.gaps
+    assert classified.frequency is not None
+    assert np.isnan(classified.frequency[:START]).all() and classified.frequency[START] == 100.0
+    assert not classified.delevitated and not classified.gaps
 
 
 @pytest.mark.parametrize(
@@ -159,35 +159,38 @@ def test_a_definition_that_is_not_understood_leaves_the_frequency_open(
 ) -> None:
     for name, value in change.items():
         monkeypatch.setitem(DEFINITION, name, value)
-    found = classify_run(Recording.read(write_bag(tmp_path / "bag")))
-    assert found.frequency is None
-    assert found.classification.states
+    classified = classify_run(Recording.read(write_bag(tmp_path / "bag")))
+    assert classified.frequency is None
+    assert classified.classification.states
 
 
 def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:
-    found = classify_run(Recording.read(write_bag(tmp_path / "bag", delevitated=True)))
-    assert found.delevitated
-    assert found.classification.states[-1].region is Region.D
-    assert found.classification.onsets[Region.D].step == STEPS
+    classified = classify_run(Recording.read(write_bag(tmp_path / "bag", delevitated=True)))
+    assert classified.delevitated
+    assert classified.classification.states[-1].region is Region.D
+    assert classified.classification.onsets[Region.D].step == STEPS
 
 
 def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
-    found = classify_run(Recording.read(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
-    assert found.gaps == [(9_000, 13_000)]
-    assert np.isnan(found.record.position[9_000:13_000]).all() and np.isfinite(found.record.position[13_000:]).all()
-    parts = stretches(found.classification.states)
+    classified = classify_run(Recording.read(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
+    assert classified.gaps == [(9_000, 13_000)]
+    assert (
+        np.isnan(classified.record.position[9_000:13_000]).all()
+        and np.isfinite(classified.record.position[13_000:]).all()
+    )
+    parts = stretches(classified.classification.states)
     assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 13_000)]
     assert parts[0].stop <= 9_000
-    assert found.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
+    assert classified.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
 
 
 def test_samples_that_are_not_finite_are_told_and_cost_no_more_than_themselves(tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", broken=12_345)
-    found = classify_run(Recording.read(bag))
-    assert (found.missing, found.gaps) == ([], [(12_345, 12_346)])
-    parts = stretches(found.classification.states)
+    classified = classify_run(Recording.read(bag))
+    assert (classified.missing, classified.gaps) == ([], [(12_345, 12_346)])
+    parts = stretches(classified.classification.states)
     assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 12_346)]
-    assert found.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
+    assert classified.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
     result = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False)
     assert "steps 12345 are missing or not finite; the classification" in " ".join(result.stdout.split())
 

@@ -125,12 +125,12 @@ def write_machine(folder: Path, with_machine: bool = True) -> Path:
 
 
 def test_a_run_is_classified_with_the_bearings_of_its_machine(tmp_path: Path) -> None:
-    found = classify_run(Recording.read(write_machine(tmp_path / "bag"))).classification
-    assert {axis: set(onsets) for axis, onsets in found.axis_onsets.items()} == {
+    classified = classify_run(Recording.read(write_machine(tmp_path / "bag"))).classification
+    assert {axis: set(onsets) for axis, onsets in classified.axis_onsets.items()} == {
         "x_a": set(), "y_a": set(), "x_b": {Region.D}, "y_b": {Region.B, Region.D}
     }  # fmt: skip
-    assert found.onsets[Region.D].step == 20_000
-    assert [(bearing.name, bearing.region) for bearing in found.states[-1].bearings] == [
+    assert classified.onsets[Region.D].step == 20_000
+    assert [(bearing.name, bearing.region) for bearing in classified.states[-1].bearings] == [
         ("a", Region.A), ("b", Region.D)
     ]  # fmt: skip
 
@@ -144,9 +144,9 @@ def test_the_data_of_a_run_have_the_axes_of_its_machine(tmp_path: Path) -> None:
 
 
 def test_a_run_whose_machine_is_not_recorded_has_bearings_by_names(tmp_path: Path) -> None:
-    found = classify_run(Recording.read(write_machine(tmp_path / "bag", with_machine=False))).classification
-    assert set(found.onsets) == {Region.B}, "220 um are less than the default clearance"
-    assert [bearing.name for bearing in found.states[-1].bearings] == ["a", "b"]
+    classified = classify_run(Recording.read(write_machine(tmp_path / "bag", with_machine=False))).classification
+    assert set(classified.onsets) == {Region.B}, "220 um are less than the default clearance"
+    assert [bearing.name for bearing in classified.states[-1].bearings] == ["a", "b"]
 
 
 def test_the_command_names_the_axes(tmp_path: Path) -> None:

@@ -47,13 +47,6 @@ def test_the_region_is_the_highest_that_has_begun():
     assert MAP.region_at([100.0, 300.0, 500.0], 40e-6).tolist() == [Region.A, Region.B, Region.D]
 
 
-def test_the_linear_limit_lies_below_every_amplitude_that_leaves_region_a():
-    limit = MAP.linear_limit([150.0, 400.0, 900.0])
-    assert limit[0] == pytest.approx(40e-6)
-    assert limit[1] == pytest.approx(np.sqrt(20e-6 * 40e-6), rel=0.02)
-    assert limit[2] == pytest.approx(np.sqrt(10e-6 * 20e-6), rel=0.02)
-
-
 def test_a_map_survives_its_file(tmp_path):
     MAP.save(tmp_path / "map.json")
     assert RegionMap.load(tmp_path / "map.json") == MAP

@@ -89,9 +89,9 @@ def test_a_disk_that_keeps_nothing_costs_a_warning_but_no_result(ran, tmp_path, 
 
 
 def test_a_cancelled_map_has_the_sweeps_that_finished(ran, tmp_path):
-    found = build_map(SHORT, *LOOP, cache=tmp_path, cancelled=lambda: len(ran) >= 2)
-    assert len(found.sweeps) == 2
-    assert not found.complete
+    region_map = build_map(SHORT, *LOOP, cache=tmp_path, cancelled=lambda: len(ran) >= 2)
+    assert len(region_map.sweeps) == 2
+    assert not region_map.complete
     with pytest.raises(RegionError, match="cancelled before its first sweep"):
         build_map(SHORT, *LOOP, cache=tmp_path / "other", cancelled=lambda: True)
 

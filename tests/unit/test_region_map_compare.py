@@ -19,9 +19,9 @@ CONTROLLER = ControllerParameters()
 def test_a_line_tells_the_frequency_at_which_an_amplitude_reaches_it():
     frequency = np.geomspace(10.0, 5000.0, 2000)
     line = AnalyticLine("line", frequency, 5e-3 / frequency)
-    found = line.frequency_at(np.array([1e-3, 50e-6, 5e-6, 1e-7]))
-    assert found[1:3] == pytest.approx([100.0, 1000.0], rel=1e-6)
-    assert np.isnan(found[[0, 3]]).all(), "beyond the limit at every frequency, or at none"
+    reached = line.frequency_at(np.array([1e-3, 50e-6, 5e-6, 1e-7]))
+    assert reached[1:3] == pytest.approx([100.0, 1000.0], rel=1e-6)
+    assert np.isnan(reached[[0, 3]]).all(), "beyond the limit at every frequency, or at none"
 
 
 def test_each_boundary_is_compared_but_not_those_of_ordinary_resonance():

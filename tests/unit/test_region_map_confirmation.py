@@ -62,8 +62,8 @@ class Bearing(WaitingPool):
             return TaskError("out of memory")
         drift = self.drift(amplitude) * (1.1 if task.sweep.duration == 20.0 else 1.3)
         boundaries = {Region.B: drift, Region.D: 800.0}
-        found = {region: Boundary(at, False) for region, at in boundaries.items() if at <= 800.0}
-        return MapSweep(amplitude, found, (), 800.0, 1000)
+        within = {region: Boundary(at, False) for region, at in boundaries.items() if at <= 800.0}
+        return MapSweep(amplitude, within, (), 800.0, 1000)
 
     def dwell(self, task):
         held = 2100.0 if task.start == task.frequency else 1000.0
@@ -91,8 +91,8 @@ def confirmed_and_ran(cache: Path) -> tuple[RegionMap, list[object]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pool, "TaskPool", Bearing)
         Bearing.ran = []
-        found = build_map(SETTINGS, *LOOP, cache=cache)
-        return confirm_map(found, *LOOP, cache=cache), Bearing.ran
+        region_map = build_map(SETTINGS, *LOOP, cache=cache)
+        return confirm_map(region_map, *LOOP, cache=cache), Bearing.ran
 
 
 @pytest.fixture
@@ -138,14 +138,14 @@ def test_a_first_boundary_that_the_sweep_lacks_is_looked_for(confirmed: RegionMa
     """At 5 um the drift would begin at 1200 Hz: sweeps fall at 800 Hz, fixed sines at 1000 Hz, so there is none."""
     assert Region.B not in confirmed.sweeps[0].boundaries
     assert confirmed.confirmation is not None
-    found = {(one.region, one.direction) for one in confirmed.confirmation.dwells if one.amplitude == 5e-6}
-    assert found == {(Region.D, "below"), (Region.D, "above")}
+    bisected = {(one.region, one.direction) for one in confirmed.confirmation.dwells if one.amplitude == 5e-6}
+    assert bisected == {(Region.D, "below"), (Region.D, "above")}
 
 
 def test_a_direction_in_which_the_rotor_cannot_be_started_decides_nothing(ran, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(Bearing, "dwell", lambda self, task: _falls_at_its_start(task))
-    found = build_map(SETTINGS, *LOOP, cache=tmp_path)
-    confirmed = confirm_map(found, *LOOP, cache=tmp_path)
+    region_map = build_map(SETTINGS, *LOOP, cache=tmp_path)
+    confirmed = confirm_map(region_map, *LOOP, cache=tmp_path)
     largest = confirmed.amplitudes[-1]
     assert confirmed.confirmation is not None
     above = confirmed.confirmation.dwell(Region.B, largest, "above")
@@ -163,11 +163,11 @@ def _falls_at_its_start(task: DwellTask) -> Dwell:
 def test_a_map_without_any_boundary_is_confirmed_at_its_highest_frequency(ran, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(Bearing, "sweep", lambda self, task: MapSweep(task.sweep.amplitude, {}, (), 5000.0, 1))
     monkeypatch.setattr(Bearing, "dwell", lambda self, task: Dwell(task.frequency, Region.A, True, 0.0, 10))
-    found = confirm_map(build_map(SETTINGS, *LOOP, cache=tmp_path), *LOOP, cache=tmp_path)
-    assert found.confirmation is not None
-    assert all(math.isinf(one.frequency) for one in found.confirmation.dwells)
+    confirmed = confirm_map(build_map(SETTINGS, *LOOP, cache=tmp_path), *LOOP, cache=tmp_path)
+    assert confirmed.confirmation is not None
+    assert all(math.isinf(one.frequency) for one in confirmed.confirmation.dwells)
     assert {task.frequency for task in ran if isinstance(task, DwellTask)} == {5000.0}
-    assert math.isinf(found.boundary(Region.B, 20e-6, "dwell"))
+    assert math.isinf(confirmed.boundary(Region.B, 20e-6, "dwell"))
 
 
 # -- kept, resumed, cancelled, failed
@@ -183,20 +183,20 @@ def test_finished_dwells_and_sweeps_are_not_run_again(confirmed: RegionMap, ran,
 
 
 def test_a_cancelled_confirmation_has_what_finished_and_resumes(confirmed: RegionMap, ran, tmp_path) -> None:
-    found = build_map(SETTINGS, *LOOP, cache=tmp_path)
+    region_map = build_map(SETTINGS, *LOOP, cache=tmp_path)
     ran.clear()
-    partial = confirm_map(found, *LOOP, cache=tmp_path, cancelled=lambda: len(ran) >= 15)
+    partial = confirm_map(region_map, *LOOP, cache=tmp_path, cancelled=lambda: len(ran) >= 15)
     assert partial.confirmation is not None
     assert not partial.confirmation.complete
     ran.clear()
-    assert confirm_map(found, *LOOP, cache=tmp_path) == confirmed
+    assert confirm_map(region_map, *LOOP, cache=tmp_path) == confirmed
 
 
 def test_a_failure_ends_the_confirmation_with_its_amplitude(ran, tmp_path) -> None:
     plant = validate(PlantParameters, {"rotor.mass": 1.0})
-    found = build_map(SETTINGS, plant, LOOP[1], cache=tmp_path)
+    region_map = build_map(SETTINGS, plant, LOOP[1], cache=tmp_path)
     with pytest.raises(RegionError, match=r"sweep of .* m at another rate: out of memory"):
-        confirm_map(found, plant, LOOP[1], cache=tmp_path)
+        confirm_map(region_map, plant, LOOP[1], cache=tmp_path)
 
 
 # -- bands and warnings
@@ -251,10 +251,10 @@ def test_a_region_that_one_rate_only_shows_is_warned_of() -> None:
         return MapSweep(amplitude, {Region[name]: Boundary(f, False) for name, f in at.items()}, (), 5e3, 1)
 
     confirmation = Confirmation(ConfirmationSettings(), (), (sweep(1e-5, D=700.0), sweep(2e-5, B=95.0, D=350.0)), True)
-    found = RegionMap(
+    region_map = RegionMap(
         MapSettings(), (sweep(1e-5, B=200.0, D=700.0), sweep(2e-5, B=100.0, D=350.0)), {}, True, confirmation
     )
-    assert confirmation_warnings(found) == [
+    assert confirmation_warnings(region_map) == [
         "B depends on the rate of the sweeps: from 249.5 Hz/s to 124.8 Hz/s it disappears at 10 um"
     ]
 
@@ -278,10 +278,10 @@ def test_the_dwell_side_is_the_lower_direction(confirmed: RegionMap) -> None:
 
 
 def test_without_confirmation_both_sides_are_the_sweeps() -> None:
-    found = RegionMap.load(PAPER_MAP)
+    region_map = RegionMap.load(PAPER_MAP)
     for region in (Region.B, Region.C, Region.D):
-        assert found.boundary(region, found.amplitudes, "dwell") == pytest.approx(
-            found.boundary(region, found.amplitudes), nan_ok=True
+        assert region_map.boundary(region, region_map.amplitudes, "dwell") == pytest.approx(
+            region_map.boundary(region, region_map.amplitudes), nan_ok=True
         )
 
 
@@ -290,8 +290,8 @@ def test_a_boundary_that_was_not_bisected_is_that_of_the_sweep(confirmed: Region
     largest = confirmed.amplitudes[-1]
     kept = tuple(one for one in confirmed.confirmation.dwells if one.region is Region.B)
     confirmation = Confirmation(confirmed.confirmation.settings, kept, (), False)
-    found = RegionMap(confirmed.settings, confirmed.sweeps, {}, True, confirmation)
-    assert found.boundary(Region.D, largest, "dwell") == pytest.approx(800.0)
+    region_map = RegionMap(confirmed.settings, confirmed.sweeps, {}, True, confirmation)
+    assert region_map.boundary(Region.D, largest, "dwell") == pytest.approx(800.0)
 
 
 def test_a_confirmed_map_survives_its_file(confirmed: RegionMap, tmp_path) -> None:
@@ -313,7 +313,7 @@ def test_a_file_with_a_wrong_confirmation_is_refused_by_name(confirmed: RegionMa
 
 def test_excitations_are_checked_on_the_dwell_side() -> None:
     """A tone in region A by the sweeps, where a fixed sine of its amplitude drifts."""
-    found = RegionMap.load(PAPER_MAP)
+    region_map = RegionMap.load(PAPER_MAP)
     dwells = tuple(
         DwellBoundary(
             sweep.amplitude,
@@ -321,15 +321,19 @@ def test_excitations_are_checked_on_the_dwell_side() -> None:
             "below",
             *(0.5 * factor * sweep.boundaries[Region.B].frequency for factor in (0.99, 1.01)),
         )
-        for sweep in found.sweeps
+        for sweep in region_map.sweeps
         if Region.B in sweep.boundaries
     )
     confirmed = RegionMap(
-        found.settings, found.sweeps, found.provenance, True, Confirmation(ConfirmationSettings(), dwells, (), True)
+        region_map.settings,
+        region_map.sweeps,
+        region_map.provenance,
+        True,
+        Confirmation(ConfirmationSettings(), dwells, (), True),
     )
     amplitude = 15e-6
-    frequency = 0.7 * float(found.boundary(Region.B, amplitude))
+    frequency = 0.7 * float(region_map.boundary(Region.B, amplitude))
     request = {"frequencies": [frequency], "amplitudes": [amplitude], "axes": "y", "duration": 2.0}
     tone = generate(excitation_from_request("tones", request), 10e3)
-    assert check_excitation(tone, found).predicted is Region.A
+    assert check_excitation(tone, region_map).predicted is Region.A
     assert check_excitation(tone, confirmed).predicted is Region.B

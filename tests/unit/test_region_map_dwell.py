@@ -51,9 +51,9 @@ def test_a_start_at_the_final_frequency_is_a_plain_sine() -> None:
     [(200.0, Region.A), (300.0, Region.B), (900.0, Region.D)],
 )
 def test_a_fixed_sine_is_in_the_region_that_the_sweep_shows_there(frequency: float, region: Region) -> None:
-    found = task(frequency).run()
-    assert found.region is region
-    assert found.started
+    dwell = task(frequency).run()
+    assert dwell.region is region
+    assert dwell.started
 
 
 def test_the_displacement_is_that_of_the_mean_position() -> None:
@@ -62,9 +62,9 @@ def test_the_displacement_is_that_of_the_mean_position() -> None:
 
 def test_within_the_bandwidth_a_displaced_mean_is_no_drift() -> None:
     """At 70 Hz the response is larger than the input, and its size alone moves the mean by more than the threshold."""
-    found = task(70.0, amplitude=50e-6).run()
-    assert found.displacement > 4e-6
-    assert found.region is Region.A
+    dwell = task(70.0, amplitude=50e-6).run()
+    assert dwell.displacement > 4e-6
+    assert dwell.region is Region.A
 
 
 def test_a_rotor_that_falls_where_the_sine_starts_was_not_started() -> None:
@@ -89,5 +89,5 @@ def test_the_key_depends_on_all_that_the_result_depends_on() -> None:
 
 
 def test_a_dwell_survives_its_file() -> None:
-    found = Dwell(300.0, Region.C, True, 4.5e-6, 1234)
-    assert DwellTask.from_json(DwellTask.to_json(found)) == found
+    dwell = Dwell(300.0, Region.C, True, 4.5e-6, 1234)
+    assert DwellTask.from_json(DwellTask.to_json(dwell)) == dwell

@@ -44,12 +44,12 @@ def test_x_and_y_are_those_of_the_first_bearing(axes, names):
 
 def test_dwells_excite_the_axes_of_their_sweep():
     settings = ConfirmationSettings(dwell=1.0)
-    found = []
+    dwells = []
     for plant, axes in ((ONE, "y"), (TWO, "translate_y")):
         sweep = MapJob(MapSettings(axes=axes, rest=0.5), plant, ControllerParameters()).task(20e-6)
-        found.append(DwellTask(sweep, 30.0, 30.0, settings).run())
-    assert found[0].region is found[1].region
-    assert found[0].displacement == pytest.approx(found[1].displacement, rel=1e-9)
+        dwells.append(DwellTask(sweep, 30.0, 30.0, settings).run())
+    assert dwells[0].region is dwells[1].region
+    assert dwells[0].displacement == pytest.approx(dwells[1].displacement, rel=1e-9)
 
 
 @pytest.mark.parametrize(("axes", "loaded"), [("x_a", False), ("tilt_x", False), ("y_b", True), ("all", True)])

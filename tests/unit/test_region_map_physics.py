@@ -55,21 +55,21 @@ def test_drift_under_gravity_begins_where_the_current_peaks_are_cut_on_one_side(
 def test_without_gravity_nothing_drifts_before_the_centre_loses_its_stability(tmp_path: Path) -> None:
     """Then the rotor leaves it to one side; at small amplitudes it delevitates in a beat before."""
     plant = validate(PlantParameters, {"rotor.gravity": 0.0})
-    found = build_map(EIGHT, plant, CONTROLLER, cache=tmp_path)
-    drift = found.frequencies(Region.B)
-    assert np.all(np.isnan(drift[found.amplitudes < 15e-6]))
+    region_map = build_map(EIGHT, plant, CONTROLLER, cache=tmp_path)
+    drift = region_map.frequencies(Region.B)
+    assert np.all(np.isnan(drift[region_map.amplitudes < 15e-6]))
     lines = {line.name: line for line in analytic_lines(plant, CONTROLLER)}
     assert "static-load limit" not in lines
     drifting = np.isfinite(drift)
-    ratio = drift[drifting] / lines["bias limit"].frequency_at(found.amplitudes[drifting])
+    ratio = drift[drifting] / lines["bias limit"].frequency_at(region_map.amplitudes[drifting])
     assert np.all(ratio > 1.3)
 
 
 def test_derivative_on_measurement_keeps_amplitudes_linear_that_it_does_not_on_the_error(tmp_path: Path) -> None:
     controller = ControllerParameters(derivative_on="measurement")
     settings = MapSettings(amplitude_low=10e-6, amplitude_high=50e-6, initial_sweeps=3, max_sweeps=3)
-    found = build_map(settings, PLANT, controller, cache=tmp_path)
-    assert all(not sweep.boundaries for sweep in found.sweeps)
-    assert all(sweep.highest_frequency > 4999.0 for sweep in found.sweeps)
-    largest = found.sweeps[-1]
+    region_map = build_map(settings, PLANT, controller, cache=tmp_path)
+    assert all(not sweep.boundaries for sweep in region_map.sweeps)
+    assert all(sweep.highest_frequency > 4999.0 for sweep in region_map.sweeps)
+    largest = region_map.sweeps[-1]
     assert any(low < 10_000.0 / 3.0 < high for low, high in largest.beats), "beats at a third of the sample rate"

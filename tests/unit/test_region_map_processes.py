@@ -180,8 +180,8 @@ def test_a_scheduler_that_is_already_there_is_used(tmp_path):
         wait_for(scheduler_file)
         worker = launch("worker", "--nthreads", "1", "--dashboard-address", "127.0.0.1:0")
         address = json.loads(scheduler_file.read_text())["address"]
-        found = build_map(
+        region_map = build_map(
             SETTINGS, PlantParameters(), ControllerParameters(), cache=tmp_path / "cache", scheduler=address
         )
-        assert len(found.sweeps) == 8
+        assert len(region_map.sweeps) == 8
         assert worker.poll() is None, "the workers are not ours to end"

@@ -48,9 +48,9 @@ def run(function, settings, shuffle=None):
 
 def error(refinement, function, region):
     """Largest relative error of the boundary over all amplitudes."""
-    found = RegionMap(MapSettings(), refinement.sweeps).boundary(region, AMPLITUDES)
+    boundary = RegionMap(MapSettings(), refinement.sweeps).boundary(region, AMPLITUDES)
     true = np.array([function(amplitude)[region] for amplitude in AMPLITUDES])
-    return np.max(np.abs(found / true - 1.0))
+    return np.max(np.abs(boundary / true - 1.0))
 
 
 def test_a_straight_boundary_needs_no_refinement():

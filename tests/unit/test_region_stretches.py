@@ -50,8 +50,8 @@ def test_nothing_is_said_about_a_gap_nor_about_what_was_never_judged() -> None:
 
 
 def test_shares_are_those_of_the_time_judged() -> None:
-    found = shares([Stretch(Region.A, 0, 300), Stretch(Region.B, 1000, 1100)])
-    assert found == pytest.approx({Region.A: 0.75, Region.B: 0.25, Region.C: 0.0, Region.D: 0.0})
+    by_region = shares([Stretch(Region.A, 0, 300), Stretch(Region.B, 1000, 1100)])
+    assert by_region == pytest.approx({Region.A: 0.75, Region.B: 0.25, Region.C: 0.0, Region.D: 0.0})
     assert set(shares([]).values()) == {0.0}
 
 

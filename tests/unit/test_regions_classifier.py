@@ -155,12 +155,12 @@ def test_other_sample_rates() -> None:
 
 
 def test_regions_follow_one_another(eventful: LoopRecord) -> None:
-    found = classify(eventful)
-    assert {region: onset.time for region, onset in found.axis_onsets["y"].items()} == pytest.approx(
+    classification = classify(eventful)
+    assert {region: onset.time for region, onset in classification.axis_onsets["y"].items()} == pytest.approx(
         {Region.B: 1.0, Region.C: 1.7, Region.D: 2.605}, abs=0.02
     )
-    assert found.onsets == found.axis_onsets["y"]
-    assert found.axis_onsets["x"] == {Region.D: found.onsets[Region.D]}
+    assert classification.onsets == classification.axis_onsets["y"]
+    assert classification.axis_onsets["x"] == {Region.D: classification.onsets[Region.D]}
 
 
 def test_delevitation_is_told_at_its_step(eventful: LoopRecord) -> None:
@@ -214,9 +214,9 @@ def test_beating_of_a_steady_tone_is_no_slow_oscillation(frequency: float) -> No
     order = round(RATE / frequency)
     reference = tone(frequency, 20e-6, time)
     beat = tone(order * frequency - RATE, 10e-6, time)
-    found = classify(telemetry(beat, reference))
-    assert found.onsets == {}
-    assert found.states[-1].axis("y").sampling_beat
+    classification = classify(telemetry(beat, reference))
+    assert classification.onsets == {}
+    assert classification.states[-1].axis("y").sampling_beat
     sets_in_without_input = classify(telemetry(np.where(time > 0.7, beat, 0.0)))
     assert Region.C in sets_in_without_input.onsets
 
@@ -231,9 +231,9 @@ def test_slow_content_of_the_input_is_no_oscillation() -> None:
 def test_harmonics_of_a_square_are_no_slow_oscillation(frequency: float) -> None:
     time = seconds(1.5)
     reference = 20e-6 * np.sign(tone(frequency, 1.0, time + 1e-6))
-    found = classify(telemetry(tone(2.0 * frequency, 10e-6, time), reference))
-    assert found.onsets == {}
-    assert found.states[-1].axis("y").oscillation_amplitude == pytest.approx(10e-6, rel=0.1)
+    classification = classify(telemetry(tone(2.0 * frequency, 10e-6, time), reference))
+    assert classification.onsets == {}
+    assert classification.states[-1].axis("y").oscillation_amplitude == pytest.approx(10e-6, rel=0.1)
     another = np.where(time > 0.7, tone(1.5 * frequency, 10e-6, time), 0.0)
     assert Region.C in classify(telemetry(another, reference)).onsets
 
@@ -243,29 +243,29 @@ def test_a_slow_square_is_no_drift(frequency: float) -> None:
     time = seconds(8.0)
     reference = np.where(time >= 0.5, 20e-6 * np.sign(tone(frequency, 1.0, time - 0.5 + 1e-6)), 0.0)
     b, a, _ = cont2discrete(([390.0, 390.0**2], [1.0, 390.0, 390.0**2]), 1.0 / RATE)
-    found = classify(telemetry(-60e-6 + 1.3 * lfilter(b.ravel(), a, reference), reference))
-    assert found.onsets == {}
+    classification = classify(telemetry(-60e-6 + 1.3 * lfilter(b.ravel(), a, reference), reference))
+    assert classification.onsets == {}
 
 
 def test_telemetry_may_begin_within_an_excitation() -> None:
     time = seconds(2.0)
     reference = 30e-6 + tone(700.0, 20e-6, time + 0.0003)
-    found = classify(telemetry(0.1 * reference - 20e-6 * np.maximum(time - 1.2, 0.0), reference))
-    assert found.onsets[Region.B].time == pytest.approx(1.2, abs=0.02)
+    classification = classify(telemetry(0.1 * reference - 20e-6 * np.maximum(time - 1.2, 0.0), reference))
+    assert classification.onsets[Region.B].time == pytest.approx(1.2, abs=0.02)
 
 
 def test_an_axis_without_input_of_its_own_answers_the_other() -> None:
     time = seconds(1.5)
     reference = tone(500.0, 20e-6, time)
-    found = classify(telemetry(0.2 * reference, reference)).states[-1]
-    assert found.axis("x").input_frequency == found.axis("y").input_frequency
+    classification = classify(telemetry(0.2 * reference, reference)).states[-1]
+    assert classification.axis("x").input_frequency == classification.axis("y").input_frequency
 
 
 def test_a_jump_of_the_bias_is_drift() -> None:
     time = seconds(2.0)
-    found = classify(telemetry(np.where(time >= 1.2, 40e-6, 0.0), tone(1_000.0, 20e-6, time)))
-    assert set(found.onsets) == {Region.B}
-    assert found.onsets[Region.B].time == pytest.approx(1.2, abs=0.05)
+    classification = classify(telemetry(np.where(time >= 1.2, 40e-6, 0.0), tone(1_000.0, 20e-6, time)))
+    assert set(classification.onsets) == {Region.B}
+    assert classification.onsets[Region.B].time == pytest.approx(1.2, abs=0.05)
 
 
 def test_a_bias_that_comes_back_leaves_region_b() -> None:
@@ -328,12 +328,12 @@ def test_50_um_drifts_and_delevitates() -> None:
 
 @pytest.mark.slow
 def test_boundaries_are_ordered_and_fall_with_amplitude() -> None:
-    found = [classify(sweep_of_bearing(a * 1e-6), delevitated=True).onsets for a in (10.0, 15.0, 25.0, 35.0, 50.0)]
-    for onsets in found:
+    every = [classify(sweep_of_bearing(a * 1e-6), delevitated=True).onsets for a in (10.0, 15.0, 25.0, 35.0, 50.0)]
+    for onsets in every:
         in_order = [onsets[region].input_frequency for region in sorted(onsets)]
         assert in_order == sorted(in_order)
     for region in (Region.B, Region.D):
-        along = [onsets[region].input_frequency for onsets in found]
+        along = [onsets[region].input_frequency for onsets in every]
         assert along == sorted(along, reverse=True)
 
 
@@ -346,8 +346,8 @@ def test_without_gravity_there_is_no_drift_before_the_centre_becomes_unstable() 
 @pytest.mark.slow
 def test_derivative_on_measurement_shows_beats_only() -> None:
     record = sweep_of_bearing(50e-6, ControllerParameters(derivative_on="measurement"))
-    found = classify(record)
-    assert found.onsets == {}
-    beats = [state.axis("y").input_frequency for state in found.states if state.axis("y").sampling_beat]
+    classification = classify(record)
+    assert classification.onsets == {}
+    beats = [state.axis("y").input_frequency for state in classification.states if state.axis("y").sampling_beat]
     assert any(abs(frequency - RATE / 3.0) < 20.0 for frequency in beats)
     assert any(abs(frequency - RATE / 2.5) < 20.0 for frequency in beats)

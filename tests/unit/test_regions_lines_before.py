@@ -57,17 +57,17 @@ def since(start: float) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize(("frequency", "amplitude"), [(50.0, 2e-6), (15.9, 3e-6), (30.0, 10e-6), (100.0, 5e-6)])
 def test_hum_and_unbalance_leave_region_a(frequency: float, amplitude: float) -> None:
-    found = classify(record(line(frequency, amplitude) + line(2.0 * frequency, 0.2 * amplitude)))
-    assert found.axis_onsets == {"x": {}, "y": {}}
-    state = found.states[-1].axis("y")
+    classification = classify(record(line(frequency, amplitude) + line(2.0 * frequency, 0.2 * amplitude)))
+    assert classification.axis_onsets == {"x": {}, "y": {}}
+    state = classification.states[-1].axis("y")
     assert state.steady_frequency == pytest.approx(frequency, abs=0.1)
     assert state.steady_amplitude == pytest.approx(amplitude, rel=0.1)
 
 
 def test_a_drift_beside_hum_is_found_where_it_begins() -> None:
-    found = classify(record(line(50.0, 5e-6) - 5e-6 * since(3.0)))
-    assert found.onsets[Region.B].time == pytest.approx(3.0, abs=0.03)
-    assert Region.C not in found.onsets
+    classification = classify(record(line(50.0, 5e-6) - 5e-6 * since(3.0)))
+    assert classification.onsets[Region.B].time == pytest.approx(3.0, abs=0.03)
+    assert Region.C not in classification.onsets
 
 
 def test_a_line_that_sets_in_is_an_oscillation_with_or_without_input() -> None:
@@ -79,24 +79,26 @@ def test_a_line_that_sets_in_is_an_oscillation_with_or_without_input() -> None:
 @pytest.mark.parametrize("kind", ["sweep", "square", "multisine"])
 @pytest.mark.parametrize("after", [0.0, 0.3, 1.0, 1.9])
 def test_a_line_that_sets_in_after_an_excitation_is_an_oscillation(kind: str, after: float) -> None:
-    found = classify(stopped(kind, np.where(STOP / RATE + after < TIME, line(40.0, 3e-6), 0.0)))
-    assert found.axis_onsets["x"] == {}
-    assert found.axis_onsets["y"][Region.C].time >= STOP / RATE
-    assert found.states[-1].region is Region.C
+    classification = classify(stopped(kind, np.where(STOP / RATE + after < TIME, line(40.0, 3e-6), 0.0)))
+    assert classification.axis_onsets["x"] == {}
+    assert classification.axis_onsets["y"][Region.C].time >= STOP / RATE
+    assert classification.states[-1].region is Region.C
 
 
 def test_a_line_from_before_the_excitation_is_none_after_it() -> None:
-    found = classify(stopped("square", line(40.0, 3e-6)))
-    assert found.onsets == {} and found.states[-1].axis("y").steady_frequency == pytest.approx(40.0, abs=0.1)
+    classification = classify(stopped("square", line(40.0, 3e-6)))
+    assert classification.onsets == {} and classification.states[-1].axis("y").steady_frequency == pytest.approx(
+        40.0, abs=0.1
+    )
 
 
 def test_an_oscillation_hides_no_drift() -> None:
-    found = classify(record(np.where(TIME > 3.0, line(40.0, 3e-6), 0.0) - 20e-6 * since(4.0)))
-    state = found.states[-1].axis("y")
+    classification = classify(record(np.where(TIME > 3.0, line(40.0, 3e-6), 0.0) - 20e-6 * since(4.0)))
+    state = classification.states[-1].axis("y")
     assert state.region is Region.C
     assert state.drift.time == pytest.approx(4.0, abs=0.05)
     assert state.oscillation.time == pytest.approx(3.0, abs=0.05)
-    assert found.axis_onsets["y"][Region.B] == state.drift
+    assert classification.axis_onsets["y"][Region.B] == state.drift
 
 
 def test_a_known_running_speed_needs_no_rest() -> None:
@@ -137,9 +139,9 @@ def test_a_line_whose_frequency_changes_is_followed() -> None:
 @pytest.mark.parametrize("frequency", [1.5, 3.0, 8.0, 12.0, 60.0])
 def test_slow_oscillations_are_found_down_to_a_hertz(frequency: float) -> None:
     starts = np.where(TIME > 1.5, 3e-6 * np.sin(2.0 * np.pi * frequency * since(1.5)), 0.0)
-    found = classify(record(starts))
-    assert found.axis_onsets["y"][Region.C].time == pytest.approx(1.5, abs=0.6 / frequency + 0.05)
-    state = found.states[-1].axis("y")
+    classification = classify(record(starts))
+    assert classification.axis_onsets["y"][Region.C].time == pytest.approx(1.5, abs=0.6 / frequency + 0.05)
+    state = classification.states[-1].axis("y")
     assert state.oscillation is not None
 
 

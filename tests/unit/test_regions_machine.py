@@ -74,13 +74,13 @@ def touch(axis: str, displacement: float, steps: int = 100) -> LoopRecord:
 
 
 def test_a_drift_of_one_axis_is_that_of_its_bearing_and_of_the_rotor(drifting: LoopRecord) -> None:
-    found = classify(drifting, machine=machine(4))
-    state = found.states[-1]
+    classification = classify(drifting, machine=machine(4))
+    state = classification.states[-1]
     assert {axis.name: axis.region.name for axis in state.axes} == {"x_a": "A", "y_a": "A", "x_b": "A", "y_b": "B"}
     assert [(bearing.name, bearing.region.name) for bearing in state.bearings] == [("a", "A"), ("b", "B")]
     assert (state.region, state.since) == (Region.B, state.axis("y_b").since)
     assert state.since.time == pytest.approx(1.0, abs=0.15)
-    assert found.onsets == found.axis_onsets["y_b"] == {Region.B: state.since}
+    assert classification.onsets == classification.axis_onsets["y_b"] == {Region.B: state.since}
 
 
 def test_the_rotor_is_in_its_highest_region_from_the_earliest_onset_of_it() -> None:
@@ -122,21 +122,21 @@ def test_a_bearing_has_the_states_that_it_has_alone(drifting: LoopRecord, excite
 
 
 def test_touching_one_bearing_is_region_d_of_it_and_of_the_rotor() -> None:
-    found = classify(touch("y_b", 205e-6), machine=machine(5))
-    first = next(state for state in found.states if state.region is Region.D)
+    classification = classify(touch("y_b", 205e-6), machine=machine(5))
+    first = next(state for state in classification.states if state.region is Region.D)
     assert first.step == first.since.step == 15_000
     assert {bearing.name: bearing.region.name for bearing in first.bearings} == {"a": "A", "b": "D", "t": "A"}
     assert {axis.name for axis in first.axes if axis.region is Region.D} == {"x_b", "y_b"}
     assert first.radius == first.bearings[1].radius == pytest.approx(205e-6, abs=1e-6)
     assert first.bearings[0].radius < 1e-6
-    left = next(state for state in found.states if state.step > first.step and state.region is not Region.D)
+    left = next(state for state in classification.states if state.step > first.step and state.region is not Region.D)
     assert left.step == pytest.approx(15_100 + 0.2 * RATE, abs=201)
 
 
 def test_a_thrust_bearing_is_touched_in_either_direction_and_has_no_radius() -> None:
     for displacement in (-205e-6, 205e-6):
-        found = classify(touch("z", displacement), machine=machine(5))
-        first = next(state for state in found.states if state.region is Region.D)
+        classification = classify(touch("z", displacement), machine=machine(5))
+        first = next(state for state in classification.states if state.region is Region.D)
         assert (first.step, first.bearings[2].region) == (15_000, Region.D)
         assert first.bearings[2].radius == pytest.approx(205e-6, abs=1e-6)
         assert first.radius < 1e-6
@@ -180,9 +180,9 @@ def test_a_delevitation_without_a_sample_is_that_of_the_closest_bearing() -> Non
 def test_motion_that_follows_an_input_at_another_bearing_is_no_region_of_its_own() -> None:
     """The rotor moves in bearing b with a slow sine of the reference of x_a."""
     sine = tone(20.0, 20e-6) * (TIME > 0.4)
-    found = classify(telemetry(r_x_a=sine, x_a=sine, x_b=0.3 * sine, y_b=0.1 * sine), machine=machine(4))
-    assert found.onsets == {}
-    assert found.states[-1].axis("y_b").input_frequency == pytest.approx(20.0, rel=0.01)
+    classification = classify(telemetry(r_x_a=sine, x_a=sine, x_b=0.3 * sine, y_b=0.1 * sine), machine=machine(4))
+    assert classification.onsets == {}
+    assert classification.states[-1].axis("y_b").input_frequency == pytest.approx(20.0, rel=0.01)
 
 
 def test_an_axis_takes_the_input_of_its_bearing_before_that_of_its_plane() -> None:

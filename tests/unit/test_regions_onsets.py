@@ -51,8 +51,8 @@ def outcomes(seed: int, cases: int) -> Counter[tuple[str, str]]:
 def assert_told_apart(counts: Counter[tuple[str, str]]) -> None:
     """At least 95 % of the planted onsets are found within 2 % in frequency; at most 2 % of the rest have one."""
     planted = {key: count for key, count in counts.items() if key[0] in PLANTED}
-    found = sum(count for key, count in planted.items() if key[1] == "found")
-    assert found >= 0.95 * sum(planted.values()), counts
+    hits = sum(count for key, count in planted.items() if key[1] == "found")
+    assert hits >= 0.95 * sum(planted.values()), counts
     false = sum(count for key, count in counts.items() if key[1].startswith("false"))
     assert false <= 0.02 * sum(counts.values()), counts
 

@@ -105,10 +105,10 @@ def test_speeds_without_a_model_are_reported_with_the_reason(tmp_path):
 
 
 def test_a_cancelled_run_returns_nothing(tmp_path):
-    found = identify_over_speeds(
+    diagram = identify_over_speeds(
         POINT_MASS, ControllerParameters(), [0.0], QUICK, cache=tmp_path, workers=1, cancelled=lambda: True
     )
-    assert found is None
+    assert diagram is None
 
 
 @pytest.mark.slow

@@ -74,10 +74,10 @@ def test_another_value_than_the_default_is_neither_stated_nor_assumed() -> None:
 
 
 def test_plant_describe_shows_the_sources() -> None:
-    found = json.loads(CliRunner().invoke(app, ["plant", "describe", "--json"]).stdout)["parameters"]
-    assert found["controller.current_limit"] == {"value": 3.0, "unit": "A", "source": "assumed"}
-    assert found["magnetic_circuit.air_gap"]["source"] == "stated: table 1"
-    assert not [name for name in found if name.startswith(("rigid_rotor", "thrust_bearing"))]
+    parameters = json.loads(CliRunner().invoke(app, ["plant", "describe", "--json"]).stdout)["parameters"]
+    assert parameters["controller.current_limit"] == {"value": 3.0, "unit": "A", "source": "assumed"}
+    assert parameters["magnetic_circuit.air_gap"]["source"] == "stated: table 1"
+    assert not [name for name in parameters if name.startswith(("rigid_rotor", "thrust_bearing"))]
     changed = CliRunner().invoke(app, ["plant", "describe", "--json", "--set", "rotor.mass=8kg"]).stdout
     assert json.loads(changed)["parameters"]["rotor.mass"]["source"] == "given"
 

@@ -53,8 +53,8 @@ def test_a_bag_is_split_by_time_and_every_message_is_in_it_once(tmp_path: Path) 
     assert bag.messages == 61
     np.testing.assert_array_equal(bag.telemetry().position[:, 0], signal("position_x", np.arange(60 * BLOCK)))
     with AnyReader([folder]) as reader:
-        found = [reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()]
-    assert [message.first_step for message in found if message.__msgtype__ == LOOP_SAMPLES] == [
+        messages = [reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()]
+    assert [message.first_step for message in messages if message.__msgtype__ == LOOP_SAMPLES] == [
         BLOCK * number for number in range(60)
     ]
     assert Recording.read(folder / "bag_3.mcap").telemetry().first_step == 30 * BLOCK

@@ -17,9 +17,9 @@ def test_poles_of_a_second_order_system_with_a_zero_are_found(natural_hz, dampin
     rate = 2 * np.pi * natural_hz
     time = np.arange(0, 0.2, 1e-4)
     _, response = step(lti([1.5 * rate, rate**2], [1, 2 * damping * rate, rate**2]), T=time)
-    found = fit_step_response(-3e-6 * response + 5e-6, 1e-4)
-    assert found.natural_hz == pytest.approx(natural_hz, rel=1e-3)
-    assert found.damping_ratio == pytest.approx(damping, rel=1e-3)
+    mode = fit_step_response(-3e-6 * response + 5e-6, 1e-4)
+    assert mode.natural_hz == pytest.approx(natural_hz, rel=1e-3)
+    assert mode.damping_ratio == pytest.approx(damping, rel=1e-3)
 
 
 @pytest.mark.parametrize("response", [np.zeros(100), np.full(100, np.nan)])
@@ -33,9 +33,9 @@ def test_paper_bearing_has_its_natural_frequency_and_damping():
     excitation = np.zeros((2_000, 2))
     excitation[:, 0] = 1e-6
     record = simulate(Plant(), PdController(ControllerParameters()), 4_000, excitation, 2_000)
-    found = fit_step_response(record.position[2_000:, 0], record.sample_time)
-    assert found.natural_hz == pytest.approx(63.0, abs=3.0)
-    assert found.damping_ratio == pytest.approx(0.51, abs=0.06)
+    mode = fit_step_response(record.position[2_000:, 0], record.sample_time)
+    assert mode.natural_hz == pytest.approx(63.0, abs=3.0)
+    assert mode.damping_ratio == pytest.approx(0.51, abs=0.06)
 
 
 def test_loop_without_gravity_has_the_poles_of_the_linearised_bearing():
@@ -48,9 +48,9 @@ def test_loop_without_gravity_has_the_poles_of_the_linearised_bearing():
     excitation = np.zeros((1_500, 2))
     excitation[:, 0] = 0.2e-6
     record = simulate(plant, PdController(controller), 2_000, excitation, 500)
-    found = fit_step_response(record.position[500:, 0], record.sample_time)
-    assert found.natural_hz == pytest.approx(rate / (2 * np.pi), rel=0.03)
-    assert found.damping_ratio == pytest.approx(gain * controller.derivative_gain / (2 * mass * rate), rel=0.05)
+    mode = fit_step_response(record.position[500:, 0], record.sample_time)
+    assert mode.natural_hz == pytest.approx(rate / (2 * np.pi), rel=0.03)
+    assert mode.damping_ratio == pytest.approx(gain * controller.derivative_gain / (2 * mass * rate), rel=0.05)
 
 
 def _static_stiffness_and_gain(plant: Plant) -> tuple[float, float]:

@@ -40,13 +40,13 @@ def sine(t: np.ndarray, frequency: float, amplitude: float, phase: float = 0.0) 
 def test_every_product_lies_on_the_bin_that_its_folded_frequency_gives(
     periods: tuple[int, int, int], order: int
 ) -> None:
-    found = products_by_bin(periods, 10_000, order)
+    by_bin = products_by_bin(periods, 10_000, order)
     assert all(
         p.a * periods[0] + p.b * periods[1] + p.c * periods[2] - p.folds * 10_000 == place and 0 <= place <= 5_000
-        for place, products in found.items()
+        for place, products in by_bin.items()
         for p in products
     )
-    count = sum(len(products) for products in found.values())
+    count = sum(len(products) for products in by_bin.values())
     points = (
         (2 * order + 1) * (2 * order**2 + 2 * order + 3) // 3
     )  # integer points with abs(a) + abs(b) + abs(c) <= order

@@ -127,7 +127,12 @@ def test_a_surface_has_the_results_of_its_runs_and_runs_none_twice(tmp_path: Pat
     )  # fmt: skip
     progress: list[tuple[int, int]] = []
     surface = subharmonic_surface(
-        *LOOP, settings, grid, cache=tmp_path, workers=1, progress=lambda done, total: progress.append((done, total))
+        *LOOP,
+        settings,
+        grid,
+        cache=tmp_path,
+        workers=1,
+        progress=lambda _stage, done, total: progress.append((done, total)),
     )
     assert surface.inducing_frequency.tolist() == [3070.0, 4070.0]
     assert surface.state.tolist() == [["steady", "steady"], ["delevitated", "delevitated"]]

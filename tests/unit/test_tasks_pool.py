@@ -51,9 +51,9 @@ def tasks(monkeypatch, tmp_path):
     @contextlib.contextmanager
     def on(client, scheduler=ADDRESS):
         monkeypatch.setattr(pool, "open_cluster", lambda *options: contextlib.nullcontext(client))
-        with pool.TaskPool(scheduler) as found:
-            found.submit(object(), "k", tmp_path)
-            yield found
+        with pool.TaskPool(scheduler) as tasks_of:
+            tasks_of.submit(object(), "k", tmp_path)
+            yield tasks_of
 
     return on
 
@@ -66,8 +66,8 @@ def tasks(monkeypatch, tmp_path):
     ],
 )
 def test_a_cluster_without_the_code_is_told_so(tasks, problem):
-    with tasks(Client(problem, {"w": {}})) as found:
-        key, told = found.next_finished(0.0)
+    with tasks(Client(problem, {"w": {}})) as running:
+        key, told = running.next_finished(0.0)
     assert key == "k"
     assert isinstance(told, TaskError)
     assert ADDRESS in str(told)
@@ -75,19 +75,19 @@ def test_a_cluster_without_the_code_is_told_so(tasks, problem):
 
 
 def test_an_error_of_the_code_itself_is_not_put_down_to_our_own_processes(tasks):
-    with tasks(Client(RuntimeError("a bug"), {"w": {}}), scheduler=None) as found, pytest.raises(RuntimeError):
-        found.next_finished(0.0)
+    with tasks(Client(RuntimeError("a bug"), {"w": {}}), scheduler=None) as running, pytest.raises(RuntimeError):
+        running.next_finished(0.0)
 
 
 def test_a_scheduler_that_stays_without_workers_is_told_once(tasks, monkeypatch, caplog):
     monkeypatch.setattr(pool, "ABSENCE", 0.0)
     client = Client(None, {})
-    with tasks(client) as found, caplog.at_level(logging.WARNING):
+    with tasks(client) as running, caplog.at_level(logging.WARNING):
         for _ in range(3):
-            assert found.next_finished(0.0) is None
+            assert running.next_finished(0.0) is None
         assert caplog.text.count("has had no workers") == 1
         client.workers = {"w": {}}
-        found.next_finished(0.0)
+        running.next_finished(0.0)
         client.workers = {}
-        found.next_finished(0.0)
+        running.next_finished(0.0)
         assert caplog.text.count("has had no workers") == 2, "told again after there was one"

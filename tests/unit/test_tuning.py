@@ -121,9 +121,9 @@ def test_what_is_little_or_much_is_named(change: dict[str, float], remark: str) 
 
 
 def test_no_wish_gets_a_text_of_the_simulator() -> None:
-    found = wishes.measure(8)
-    assert found["texts"] == []
-    assert found["levitated"] + found["explained"] == 8
+    figures = wishes.measure(8)
+    assert figures["texts"] == []
+    assert figures["levitated"] + figures["explained"] == 8
 
 
 def test_slow_amplifiers_are_named_as_the_reason() -> None:
@@ -173,15 +173,15 @@ def test_the_figure_shows_the_lines_and_the_chosen_gains() -> None:
 
 
 def test_random_bearings_levitate_or_the_reason_is_named() -> None:
-    found = new.measure(bearings=3, seed=7)
-    assert found["levitated"] + found["explained"] == found["bearings"] == 3
-    assert found["levitated"] >= 2
+    figures = new.measure(bearings=3, seed=7)
+    assert figures["levitated"] + figures["explained"] == figures["bearings"] == 3
+    assert figures["levitated"] >= 2
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(1_800)
 def test_97_of_100_random_bearings_levitate_and_the_others_have_a_reason() -> None:
-    found = new.measure()
-    assert found["levitated"] >= 97, found["reasons"]
-    assert found["levitated"] + found["explained"] == found["bearings"] == 100
-    assert found["worst_peak_sensitivity"] <= HIGHEST_PEAK
+    figures = new.measure()
+    assert figures["levitated"] >= 97, figures["reasons"]
+    assert figures["levitated"] + figures["explained"] == figures["bearings"] == 100
+    assert figures["worst_peak_sensitivity"] <= HIGHEST_PEAK

@@ -29,10 +29,10 @@ def test_warming_up_compiles_every_kernel_that_is_kept_in_the_cache(tmp_path: Pa
 
 def cached_kernels() -> set[str]:
     """Kernels of amb_core that numba keeps in its cache, as module.function without packages."""
-    found = set()
+    kernels = set()
     for module in pkgutil.walk_packages(amb_core.__path__, "amb_core."):
         for name, kernel in vars(importlib.import_module(module.name)).items():
             own = isinstance(kernel, CPUDispatcher) and kernel.py_func.__module__ == module.name
             if own and not isinstance(kernel._cache, NullCache):
-                found.add(f"{module.name.rsplit('.', 1)[-1]}.{name}")
-    return found
+                kernels.add(f"{module.name.rsplit('.', 1)[-1]}.{name}")
+    return kernels

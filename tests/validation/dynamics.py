@@ -20,9 +20,9 @@ from amb_core.plant import (
     RotorParameters,
 )
 from amb_core.plant.closed_forms import AXIS_COSINE, force_constant
-from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.network import COIL_POLES, POLES
 from amb_core.plant.parameters import BackupBearingParameters, ConverterParameters, IronParameters, SensorParameters
+from tests.validation.energy import EnergyAccount
 from tests.validation.row import Row
 
 PERIODS = 40  # until the loops of the iron, which run into one another, repeat

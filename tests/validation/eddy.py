@@ -72,8 +72,8 @@ def _responses(name: str, parameters: PlantParameters) -> Iterator[Row]:
     deviation = np.abs(measured / force_response(parameters, frequencies) - 1.0).max()
     # Where the gain crosses -3 dB, between the two middle frequencies.
     wanted = np.log(_gain_at_rest(parameters) / np.sqrt(2.0))
-    found = np.exp(np.interp(-wanted, -np.log(np.abs(measured[1:3])), np.log(frequencies[1:3])))
-    yield Row(f"eddy bandwidth, {name}: relative to {bandwidth:.0f} Hz", abs(found / bandwidth - 1.0), LIMIT, "-")
+    crossing = np.exp(np.interp(-wanted, -np.log(np.abs(measured[1:3])), np.log(frequencies[1:3])))
+    yield Row(f"eddy bandwidth, {name}: relative to {bandwidth:.0f} Hz", abs(crossing / bandwidth - 1.0), LIMIT, "-")
     yield Row(f"force per current, 0.2 to 2 bandwidths, {name}: relative to closed form", deviation, LIMIT, "-")
 
 

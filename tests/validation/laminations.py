@@ -22,9 +22,9 @@ from amb_core.plant import (
     RotorParameters,
 )
 from amb_core.plant.eddy import diffusion, lamination_terms, lamination_time_constant
-from amb_core.plant.energy import EnergyAccount
 from amb_core.plant.parameters import IronParameters
 from amb_core.plant.switching_loss import switching_loss
+from tests.validation.energy import EnergyAccount
 from tests.validation.row import Row
 
 LIMIT = 0.01

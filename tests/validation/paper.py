@@ -18,8 +18,8 @@ def rows() -> Iterator[Row]:
     excitation = np.zeros((2_000, 2))
     excitation[:, 0] = 1e-6
     record = simulate(Plant(), PdController(ControllerParameters()), 4_000, excitation, 2_000)
-    found = fit_step_response(record.position[2_000:, 0], record.sample_time)
+    mode = fit_step_response(record.position[2_000:, 0], record.sample_time)
     sag_um = -1e6 * record.position[1_500:2_000, 1].mean()
-    yield Row("natural frequency: deviation from the paper's 63 Hz", abs(found.natural_hz - 63.0), 3.0, "Hz")
-    yield Row("damping ratio: deviation from 0.51", abs(found.damping_ratio - 0.51), 0.06, "-")
+    yield Row("natural frequency: deviation from the paper's 63 Hz", abs(mode.natural_hz - 63.0), 3.0, "Hz")
+    yield Row("damping ratio: deviation from 0.51", abs(mode.damping_ratio - 0.51), 0.06, "-")
     yield Row("sag: deviation from 66 um", abs(sag_um - 66.0), 4.0, "um")

@@ -46,10 +46,10 @@ def main() -> int:
     for number, (name, (check, count, smallest)) in enumerate(CHECKS.items(), start=1):
         started = time.perf_counter()
         with console.status(f"[{number}/{len(CHECKS)}] {name}"):
-            found = list(check(**smallest if quick else {}))
-        if len(found) != count:
-            raise RuntimeError(f"{name} has {len(found)} rows; declared: {count}")
-        rows += found
+            checked = list(check(**smallest if quick else {}))
+        if len(checked) != count:
+            raise RuntimeError(f"{name} has {len(checked)} rows; declared: {count}")
+        rows += checked
         console.print(f"{number}/{len(CHECKS)} {name}: {time.perf_counter() - started:.1f} s")
     file.write_text(json.dumps([asdict(row) | {"ok": row.ok} for row in rows], indent=2) + "\n")
     console.print(_table(rows))

@@ -153,16 +153,16 @@ class LateCommand(TyperCommand):
         module, name = self._place.split(":")
         full = module if "." in module else f"amb_bringup.commands.{module}"
         with leaving_at_once(), _package_of(full, self.name):
-            found = getattr(importlib.import_module(full), name)
+            command_or_group = getattr(importlib.import_module(full), name)
             from amb_bringup.commands.options import with_changes
             from amb_bringup.commands.overwrite import with_overwrite
-        if isinstance(found, typer.Typer):
-            for command in found.registered_commands:
+        if isinstance(command_or_group, typer.Typer):
+            for command in command_or_group.registered_commands:
                 command.callback = with_overwrite(with_changes(command.callback)) if command.callback else None
-            return with_examples(get_command(found), self.name or "")
+            return with_examples(get_command(command_or_group), self.name or "")
         app = typer.Typer(add_completion=False)
         app.command(self.name, context_settings=PASSING_ON if self.name == "run" else None)(
-            with_overwrite(with_changes(found))
+            with_overwrite(with_changes(command_or_group))
         )
         return with_examples(get_command(app), self.name or "")
 

@@ -69,8 +69,8 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, _, defined = _HOMES[name].partition(":")
-    found = globals()[name] = getattr(importlib.import_module(module), defined or name)
-    return found
+    value = globals()[name] = getattr(importlib.import_module(module), defined or name)
+    return value
 
 
 def __dir__() -> list[str]:

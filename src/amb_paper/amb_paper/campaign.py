@@ -52,7 +52,7 @@ def run_campaign(
     run(requests, campaign.cache, workplace.scheduler, workplace.workers)
     for study in missing:
         if not study.parallel:  # after the others, since it uses the whole machine
-            workplace.tell(study.name)
+            workplace.report(study.name)
             campaign.run_here(study)
     if campaign.problems:
         raise StudyError("; ".join(campaign.problems))

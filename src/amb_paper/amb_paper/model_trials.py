@@ -150,19 +150,19 @@ def run_trials(
     TaskError
         If the scheduler does not answer, or is lost.
     """
-    found: dict[int, ModelTrial] = {}
+    trials: dict[int, ModelTrial] = {}
 
     def take(number: int, trial: ModelTrial | TaskError, _kept: bool) -> tuple[()]:
         if isinstance(trial, TaskError):
             task = tasks[number]
             raise StudyError(f"{task.data.name}, {task.method}, order {task.order}: {trial}")
-        found[number] = trial
-        workplace.tell(f"model {len(found)} of {len(tasks)}")
+        trials[number] = trial
+        workplace.report(f"model {len(trials)} of {len(tasks)}")
         return ()
 
     requests = [Request(task, partial(take, number)) for number, task in enumerate(tasks)]
     run(requests, ResultCache(workplace.cache), workplace.scheduler, workplace.workers, meanwhile=meanwhile)
-    return [found[number] for number in range(len(tasks))]
+    return [trials[number] for number in range(len(tasks))]
 
 
 @functools.cache

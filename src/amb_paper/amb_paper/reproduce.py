@@ -45,10 +45,10 @@ def reproduce(
             done = progress.done
             stages.update("studies", done, progress.total, progress.last or "starting")
 
-        def tell(doing: str) -> None:
+        def report(doing: str) -> None:
             stages.update("studies", done, len(studies), doing)
 
-        workplace = Workplace(folder=out, scheduler=scheduler, workers=workers, tell=tell)
+        workplace = Workplace(folder=out, scheduler=scheduler, workers=workers, report=report)
         results = run_campaign(studies, workplace, progress=show)
     console.print(_claims(results))
     if only:

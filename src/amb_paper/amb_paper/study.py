@@ -129,7 +129,7 @@ class StudyResult:
     notes: Sequence[str] = ()
 
 
-def _tell_nobody(doing: str) -> None:
+def _report_nowhere(doing: str) -> None:
     pass
 
 
@@ -145,7 +145,7 @@ class Workplace:
         For results of its own tasks.
     scheduler, workers : optional
         Of a cluster, as for `amb_core.ground.tasks.cluster.open_cluster`.
-    tell : callable
+    report : callable
         Called with the present activity, such as `sweep 3 of 23`.
     """
 
@@ -153,7 +153,7 @@ class Workplace:
     cache: Path = field(default_factory=lambda: cache_folder("paper"))
     scheduler: str | None = None
     workers: int | None = None
-    tell: Callable[[str], None] = _tell_nobody
+    report: Callable[[str], None] = _report_nowhere
 
 
 class Study(Task[StudyResult]):

@@ -60,7 +60,7 @@ class SweptBearing:
         Rest and sweep, up to the delevitation.
     frequency : ndarray, shape (steps,)
         Frequency of the input at each step (Hz), NaN at rest.
-    found : Classification
+    classification : Classification
         The regions.
     """
 
@@ -68,16 +68,16 @@ class SweptBearing:
     controller: ControllerParameters
     record: LoopRecord
     frequency: NDArray[np.float64]
-    found: Classification
+    classification: Classification
 
     @property
     def onsets(self) -> dict[Region, Onset]:
         """Onsets of B, C and D, if they occur."""
-        return self.found.onsets
+        return self.classification.onsets
 
     def case(self, name: str) -> SweepCase:
         """The case under a name, for a comparison with others."""
-        return SweepCase(name, self.record, self.frequency, self.found)
+        return SweepCase(name, self.record, self.frequency, self.classification)
 
     @property
     def summary(self) -> str:
@@ -86,7 +86,7 @@ class SweptBearing:
 
     def states_in(self, region: Region) -> list[RegionState]:
         """The states in a region."""
-        return [state for state in self.found.states if state.region is region]
+        return [state for state in self.classification.states if state.region is region]
 
 
 def paper_sweep(amplitude: float, sample_rate: float, axis: Literal["x", "y"] = "y") -> ExcitationSignal:
@@ -115,8 +115,8 @@ def sweep_bearing(
     record = simulate_first_bearing(plant, controller, rest + signal.steps, signal.samples, rest)
     assert signal.frequency is not None  # a sweep has one
     frequency = np.concatenate([np.full(rest, np.nan), signal.frequency])[: record.steps]
-    found = classify(record, delevitated=plant.delevitated, frequency=frequency)
-    return SweptBearing(plant, controller, record, frequency, found)
+    classification = classify(record, delevitated=plant.delevitated, frequency=frequency)
+    return SweptBearing(plant, controller, record, frequency, classification)
 
 
 def in_order(bearing: SweptBearing) -> bool:

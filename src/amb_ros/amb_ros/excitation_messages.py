@@ -72,12 +72,12 @@ def resolve(message: Excitation, run: int, step: int) -> None:
         message.first_step = Excitation.FROM_NEXT_STEP
 
 
-def require_samples(stated: int, found: int) -> None:
+def require_samples(stated: int, computed: int) -> None:
     """Raise ExcitationError if the samples made from a definition are not those of its sender, by their checksums."""
-    if stated and not same_samples(stated, found):
+    if stated and not same_samples(stated, computed):
         raise ExcitationError(
-            f"the samples made from its description have checksum {found}, those of the sender {stated}; does it run "
-            "another version of amb_core?"
+            f"the samples made from its description have checksum {computed}, those of the sender {stated}; does it "
+            "run another version of amb_core?"
         )
 
 

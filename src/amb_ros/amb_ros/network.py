@@ -50,15 +50,15 @@ def sockets_open_to_network(domain: int, pid: int | None = None) -> list[str]:
 
     sockets = psutil.Process(pid).net_connections("inet")
     receiving = _ports_of_participants(domain, {one.laddr.port for one in sockets if one.type == SOCK_DGRAM})
-    found = []
+    addresses = []
     for socket in sockets:
         host, port = socket.laddr
         listens = socket.status == psutil.CONN_LISTEN
         receives = socket.type == SOCK_DGRAM and port in receiving
         address = ip_address(host)
         if (listens or receives) and not (address.is_loopback or address.is_multicast):
-            found.append(f"{host}:{port}")
-    return sorted(found)
+            addresses.append(f"{host}:{port}")
+    return sorted(addresses)
 
 
 def _ports_of_participants(domain: int, ports: set[int]) -> set[int]:

@@ -28,9 +28,9 @@ class RemoteParameters:
     def nodes(self) -> list[str]:
         """Full names of the nodes in this node's namespace that report their parameters, itself included."""
         namespace = self._node.get_namespace()
-        found = {name for name, space in self._node.get_node_names_and_namespaces() if space == namespace}
+        names = {name for name, space in self._node.get_node_names_and_namespaces() if space == namespace}
         prefix = namespace.rstrip("/")
-        return sorted(f"{prefix}/{name}" for name in found if self._tells_parameters(name, namespace))
+        return sorted(f"{prefix}/{name}" for name in names if self._reports_parameters(name, namespace))
 
     def read(self, remote: str, timeout: float) -> dict[str, ParameterValue]:
         """All parameters of a node by name.
@@ -95,7 +95,7 @@ class RemoteParameters:
                 raise _no_answer(remote, timeout)
             time.sleep(POLL_PERIOD)
 
-    def _tells_parameters(self, name: str, namespace: str) -> bool:
+    def _reports_parameters(self, name: str, namespace: str) -> bool:
         try:
             services = self._node.get_service_names_and_types_by_node(name, namespace)
         except NodeNameNonExistentError:  # it has just ended

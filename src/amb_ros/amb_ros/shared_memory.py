@@ -57,13 +57,13 @@ def remove(files: Collection[Path]) -> None:
 
 def _open_elsewhere() -> set[Path]:
     """Files of Fast DDS that other processes have in their memory."""
-    found = set()
+    files = set()
     for process in Path("/proc").glob("[0-9]*"):
         if int(process.name) != os.getpid():
             with contextlib.suppress(OSError):
                 maps = process.joinpath("maps").read_text()
-                found |= {SHARED_MEMORY / name for name in _MAPPED.findall(maps)}
-    return found
+                files |= {SHARED_MEMORY / name for name in _MAPPED.findall(maps)}
+    return files
 
 
 def _remove_if_dead(lock: Path) -> None:

@@ -124,11 +124,11 @@ def pole_error(model: StateSpaceModel) -> float:
 
 def measure(cases: int = len(CASES)) -> dict[str, Any]:
     """Outcomes of all cases: tried, identified with the right poles, refused with help, and tracebacks."""
-    found = {"tried": 0, "identified": 0, "refused_with_help": 0, "tracebacks": 0}
+    counts = {"tried": 0, "identified": 0, "refused_with_help": 0, "tracebacks": 0}
     for case in CASES[:cases]:
         outcome = attempt(case)
-        found["tried"] += 1
-        found["tracebacks"] += bool(outcome.traceback)
-        found["identified"] += outcome.model is not None and not case.helps and pole_error(outcome.model) < TOLERANCE
-        found["refused_with_help"] += bool(case.helps and re.search(re.escape(case.helps), outcome.refusal))
-    return found
+        counts["tried"] += 1
+        counts["tracebacks"] += bool(outcome.traceback)
+        counts["identified"] += outcome.model is not None and not case.helps and pole_error(outcome.model) < TOLERANCE
+        counts["refused_with_help"] += bool(case.helps and re.search(re.escape(case.helps), outcome.refusal))
+    return counts

@@ -33,10 +33,10 @@ def measure(seconds: float = SECONDS, warm_up: float = WARM_UP, steps: int = STE
         raise Skipped("there is no Chromium")
     with open_browser() as browser:
         with tempfile.TemporaryDirectory() as folder, opened_graph(Path(folder)) as graph:
-            found = _pace(graph, browser, seconds, warm_up)
+            figures = _pace(graph, browser, seconds, warm_up)
         with tempfile.TemporaryDirectory() as folder, opened_graph(Path(folder)) as graph:
-            found["bit_identical"] = _is_bit_identical(graph, browser, steps)
-    return found
+            figures["bit_identical"] = _is_bit_identical(graph, browser, steps)
+    return figures
 
 
 def _pace(graph: Graph, browser: Any, seconds: float, warm_up: float) -> dict[str, Any]:

@@ -32,7 +32,7 @@ def measure(folder: Path = RESULTS) -> dict[str, Any]:
     """The figures of the key `pages`, of the pages in a folder; of pages with one chart where the folder is new."""
     if CHROMIUM is None:
         raise Skipped("there is no Chromium")
-    found: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     if not folder.exists():
         _draw(folder)
     with open_browser() as browser, TemporaryDirectory() as name:
@@ -41,10 +41,10 @@ def measure(folder: Path = RESULTS) -> dict[str, Any]:
         for key, names in PAGES.items():
             page = next((folder / name for name in names if (folder / name).exists()), None)
             ready, load = (None, None) if page is None else _seconds(browser, page)
-            found |= {f"{key}_load_s": load, f"{key}_ready_s": ready}
+            figures |= {f"{key}_load_s": load, f"{key}_ready_s": ready}
             pages += [] if page is None else [page]
-        found |= {"sizes": list(WIDTHS), "overflow": len(list(overflowing(pages, browser)))}
-    return found
+        figures |= {"sizes": list(WIDTHS), "overflow": len(list(overflowing(pages, browser)))}
+    return figures
 
 
 def _draw(folder: Path) -> None:

@@ -45,15 +45,15 @@ def main() -> None:
     arguments.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = arguments.parse_args()
     file = results_file("first_hour.json", chosen.quick)
-    found: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    figures: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
     for part in chosen.parts or PARTS:
         module, smallest = PARTS[part]
         try:
-            found[part] = importlib.import_module(f"{FOLDER}.{module}").measure(**smallest if chosen.quick else {})
+            figures[part] = importlib.import_module(f"{FOLDER}.{module}").measure(**smallest if chosen.quick else {})
         except Skipped as reason:
-            found[part] = {"skipped": str(reason)}
-        print(f"{part}: {json.dumps(found[part])}", flush=True)
-        file.write_text(json.dumps(found, indent=2) + "\n")
+            figures[part] = {"skipped": str(reason)}
+        print(f"{part}: {json.dumps(figures[part])}", flush=True)
+        file.write_text(json.dumps(figures, indent=2) + "\n")
 
 
 if __name__ == "__main__":

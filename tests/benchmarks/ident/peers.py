@@ -82,5 +82,5 @@ def identify(name: str, inputs: Arrays, outputs: Arrays, sample_time: float, ord
     u, y = (inputs - inputs.mean(axis=0)) / input_scale, (outputs - outputs.mean(axis=0)) / output_scale
     with contextlib.redirect_stdout(io.StringIO()):
         a, b, c, k = _METHODS[name](u, y, order)
-    found = {"a": np.asarray(a), "b": np.asarray(b) / input_scale, "c": np.asarray(c) * output_scale[:, np.newaxis]}
-    return found if k is None else found | {"k": np.asarray(k) / output_scale}
+    matrices = {"a": np.asarray(a), "b": np.asarray(b) / input_scale, "c": np.asarray(c) * output_scale[:, np.newaxis]}
+    return matrices if k is None else matrices | {"k": np.asarray(k) / output_scale}

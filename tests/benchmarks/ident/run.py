@@ -144,18 +144,18 @@ def _run(data_set: str, seed: int, method: Method, size: Size) -> Run:
         kept: Run = json.loads(path.read_text())["run"]
         return kept
     case = CASES[data_set]
-    found = _identify(method, *case.data(seed, size.steps), case.true.order, size.limit)
-    run: Run = found if isinstance(found, str) else _scores(found, data_set)
+    identified = _identify(method, *case.data(seed, size.steps), case.true.order, size.limit)
+    run: Run = identified if isinstance(identified, str) else _scores(identified, data_set)
     size.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(described | {"run": run}))
     return run
 
 
-def _scores(found: dict[str, NDArray[np.float64]], data_set: str) -> dict[str, float]:
-    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
-    scores |= score((found["a"], found["b"], found["c"]), data_set)
-    if "innovation_covariance" in found:
-        scores["innovation_ratio"] = innovation_ratio(found["innovation_covariance"], data_set)
+def _scores(identified: dict[str, NDArray[np.float64]], data_set: str) -> dict[str, float]:
+    scores = {name: float(identified[name]) for name in ("seconds", "peak_mb")}
+    scores |= score((identified["a"], identified["b"], identified["c"]), data_set)
+    if "innovation_covariance" in identified:
+        scores["innovation_ratio"] = innovation_ratio(identified["innovation_covariance"], data_set)
     return {name: float(value) for name, value in scores.items()}
 
 
@@ -170,11 +170,13 @@ def _version(module: str) -> str:
 def _real(method: Method, path: Path, size: Size) -> Summary:
     """Fit on the second half of a real experiment after identification from the first half."""
     data = real_data.load(path)
-    found = _identify(method, *data.first_half, real_data.ORDER, size.limit)
-    if isinstance(found, str):
-        return _summary([found])
-    scores = {name: float(found[name]) for name in ("seconds", "peak_mb")}
-    return _summary([scores | real_data.score((found["a"], found["b"], found["c"]), found.get("k"), data)])
+    identified = _identify(method, *data.first_half, real_data.ORDER, size.limit)
+    if isinstance(identified, str):
+        return _summary([identified])
+    scores = {name: float(identified[name]) for name in ("seconds", "peak_mb")}
+    return _summary(
+        [scores | real_data.score((identified["a"], identified["b"], identified["c"]), identified.get("k"), data)]
+    )
 
 
 def _identify(

@@ -85,8 +85,8 @@ def _fit(model: StateSpaceModel, case: Case, excitation: str) -> float:
 
 
 def _unstable_poles_right(model: StateSpaceModel, case: Case) -> bool:
-    true, found = case.true.unstable_poles(), model.unstable_poles()
-    if len(found) != len(true):
+    true, identified = case.true.unstable_poles(), model.unstable_poles()
+    if len(identified) != len(true):
         return False
-    apart = np.abs(np.subtract.outer(found, true))
+    apart = np.abs(np.subtract.outer(identified, true))
     return bool(np.all(apart[linear_sum_assignment(apart)] < _POLE_TOLERANCE))

@@ -13,12 +13,12 @@ CASES, SEED = 100, 31
 
 def measure(cases: int = CASES) -> dict[str, object]:
     """How many cases have a false B or C."""
-    found = spread(regions, range(cases))
+    onsets = spread(regions, range(cases))
     return {
         "cases": cases,
         "seed": SEED,
-        "false_b": sum(Region.B in one for one in found),
-        "false_c": sum(Region.C in one for one in found),
+        "false_b": sum(Region.B in one for one in onsets),
+        "false_c": sum(Region.C in one for one in onsets),
     }
 
 

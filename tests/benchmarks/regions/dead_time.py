@@ -65,8 +65,8 @@ def measure(bearings: int = BEARINGS, steps: int = STEPS) -> dict[str, object]:
 
 def advise(case: Case) -> list[int]:
     """Dead times of i_x and i_y (samples) found in the record of a run."""
-    found = dead_times(IdentificationData.from_record(record(case)))
-    return found if found is not None else [0, 0]
+    samples = dead_times(IdentificationData.from_record(record(case)))
+    return samples if samples is not None else [0, 0]
 
 
 def record(case: Case) -> LoopRecord:

@@ -6,7 +6,7 @@ from tests.front_door.figures import Figures
 
 
 class Found(Figures):
-    """How many of so many cases are found."""
+    """How many of the cases are found."""
 
     cases: int
     seed: int

@@ -23,8 +23,8 @@ SWEEP_END = 2600.0  # Hz
 def measure(amplitudes: int = len(AMPLITUDES), sweep_end: float = SWEEP_END) -> dict[str, object]:
     """Largest relative differences of the boundaries, in percent, and how often B or C is found turning or not."""
     cases = [(amplitude, turning, sweep_end) for turning in (False, True) for amplitude in AMPLITUDES[:amplitudes]]
-    found = spread(boundaries, cases)
-    rest, turning = found[:amplitudes], found[amplitudes:]
+    begun = spread(boundaries, cases)
+    rest, turning = begun[:amplitudes], begun[amplitudes:]
     return {
         "sweeps": len(cases),
         "b_percent": _difference(rest, turning, Region.B),

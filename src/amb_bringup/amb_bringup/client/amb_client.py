@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from amb_bringup.client.connection import ClientError
-from amb_bringup.client.experiment import Experiment, ExperimentRun, Progress, carry_out
+from amb_bringup.client.experiment import Experiment, ExperimentRun, carry_out
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import excitation_from_request
 from amb_core.ground.parameters import validate
+from amb_core.ground.progress import Progress, unseen
 
 if TYPE_CHECKING:
     from amb_core.robustness import MeasuredSensitivity
@@ -42,7 +43,7 @@ class AmbClient(LoopCalls):
         self,
         kind: str | Sequence[Experiment],
         bag: str | Path | None = None,
-        progress: Progress = lambda *_: None,
+        progress: Progress = unseen,
         **settings: Any,
     ) -> list[ExperimentRun]:
         """Levitate, excite, record, land: an experiment from start to end, or several, on simulator or rig.
@@ -81,7 +82,7 @@ class AmbClient(LoopCalls):
         self,
         bag: str | Path,
         controller: str = "",
-        progress: Progress = lambda *_: None,
+        progress: Progress = unseen,
         **settings: Any,
     ) -> MeasuredSensitivity:
         """Measure the sensitivity of the running loop by a swept sine and dwells at its narrow peaks, in region A.

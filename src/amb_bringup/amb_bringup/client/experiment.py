@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ from amb_core.excitation import Excitation
 from amb_core.ground.errors import AmbError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.parameters import SIMULATOR
+from amb_core.ground.progress import Progress
 from amb_msgs.msg import SimulatorState
 from amb_ros import interruptions
 from amb_ros.machine import MachineInput
@@ -25,9 +26,6 @@ from amb_ros.machine import MachineInput
 SETTLING_STEPS = 2_000  # the rotor falls to its sag and comes to rest within a few periods of 63 Hz
 RIG_SETTLING = 0.5  # s after levitation, and after each excitation
 APPEARANCE = 3.0  # s in which a running graph is found
-
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the stage, the number of finished steps and the number of all steps."""
 
 
 @dataclass(frozen=True)
@@ -183,15 +181,15 @@ class RigStand(Stand):
 
 def running_stand(amb: LoopCalls, progress: Progress, patience: float | None = None) -> Stand:
     """The stand of the graph that a client is in; ClientError if none runs."""
-    found: list[str] = []
+    nodes: list[str] = []
 
     def look() -> bool:
         names = amb.node.get_node_names()
-        found[:] = [name for name in (BRIDGE_NODE, SIMULATOR) if name in names]
-        return bool(found)
+        nodes[:] = [name for name in (BRIDGE_NODE, SIMULATOR) if name in names]
+        return bool(nodes)
 
     amb.wait_until(look, patience, f"no graph runs: neither {SIMULATOR} nor {BRIDGE_NODE} appeared; amb up starts one")
-    return RigStand(amb, progress) if found[0] == BRIDGE_NODE else SimulatorStand(amb, progress)
+    return RigStand(amb, progress) if nodes[0] == BRIDGE_NODE else SimulatorStand(amb, progress)
 
 
 def graph_runs(amb: LoopCalls) -> bool:
@@ -241,7 +239,7 @@ def carry_out(
     bag : str or Path, optional
         New folder in which everything is recorded.
     progress : callable
-        See `Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Raises
     ------

@@ -32,9 +32,9 @@ class IdentifiedModel(StateSpaceModel):
     @classmethod
     def of(cls, model: StateSpaceModel, verdict: str) -> IdentifiedModel:
         """A model with a verdict."""
-        found = cls(**{item.name: getattr(model, item.name) for item in fields(model)})
-        object.__setattr__(found, "verdict", verdict)
-        return found
+        copied = cls(**{item.name: getattr(model, item.name) for item in fields(model)})
+        object.__setattr__(copied, "verdict", verdict)
+        return copied
 
 
 class IdentifierCalls(GraphConnection):
@@ -89,10 +89,10 @@ class IdentifierCalls(GraphConnection):
         """
 
         def on_feedback(message: Any) -> None:
-            told = message.feedback
+            feedback = message.feedback
             if progress is not None:
-                cost = None if math.isnan(told.cost) else told.cost
-                progress(IdentificationProgress(told.stage, told.done, told.total, cost))
+                cost = None if math.isnan(feedback.cost) else feedback.cost
+                progress(IdentificationProgress(feedback.stage, feedback.done, feedback.total, cost))
 
         goal = Identify.Goal(
             bag=absolute(bag),

@@ -189,7 +189,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
     def _require_simulator(self, service: str) -> None:
         """Wait for the node simulator; ClientError if the graph has a bridge to a rig instead."""
 
-        def found() -> bool:
+        def simulator_runs() -> bool:
             names = self.node.get_node_names()
             if BRIDGE_NODE in names and "simulator" not in names:
                 raise ClientError(
@@ -198,7 +198,9 @@ class LoopCalls(IdentifierCalls, RegionCalls):
                 )
             return "simulator" in names
 
-        self.wait_until(found, complaint=f"no service {self.node.resolve_service_name(service)}; is the node running?")
+        self.wait_until(
+            simulator_runs, complaint=f"no service {self.node.resolve_service_name(service)}; is the node running?"
+        )
 
     # -- excitation
 

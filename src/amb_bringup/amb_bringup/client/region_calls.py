@@ -110,10 +110,10 @@ class RegionCalls(GraphConnection):
         from amb_core.regions.region_map import MapProgress
 
         def on_feedback(message: Any) -> None:
-            told = message.feedback
+            feedback = message.feedback
             if progress is not None:
-                region_map = region_map_from_message(told.map) if told.map.amplitude else None
-                progress(MapProgress(told.done, told.total, told.reused, region_map))
+                region_map = region_map_from_message(feedback.map) if feedback.map.amplitude else None
+                progress(MapProgress(feedback.done, feedback.total, feedback.reused, region_map))
 
         goal = BuildMap.Goal(
             **known_settings(BuildMap.Goal, settings),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from amb_bringup.client.experiment import Experiment, Progress, carry_out
+from amb_bringup.client.experiment import Experiment, carry_out
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.data.analysis import RecordedLoop, read
 from amb_core.data.analysis.recorded_sweeps import DWELLS, with_dwells
 from amb_core.ground.errors import AmbError
+from amb_core.ground.progress import Progress
 from amb_core.regions import Region
 from amb_core.robustness import SweepSettings
 from amb_core.robustness.sharp_peaks import SharpMode
@@ -29,7 +30,7 @@ def measure_swept(
         If the rotor leaves region A or falls, a target trips, or a node fails; the rotor is landed, the bag closed.
     """
 
-    def watched(stage: str, done: int, total: int) -> None:
+    def watched(stage: str, done: int, total: int | None) -> None:
         progress(stage, done, total)
         state = amb.heard_region()
         if state is not None and state.settled and state.region != Region.A:

@@ -39,12 +39,12 @@ def info(
     """Show duration and topics of a bag, even if the bag is incomplete."""
     from amb_core.recording import Recording, read_overview
 
-    found = read_overview(bag)
+    overview = read_overview(bag)
     console = Terminal()
-    written_by = f", written by {found.written_by}" if found.written_by else ""
-    console.print(f"{bag}: {found.messages} messages in {found.duration:.1f} s{written_by}", style="bold")
-    warn_of_damage(console, bag, found.damage)
-    console.print(_topics(found.topics))
+    written_by = f", written by {overview.written_by}" if overview.written_by else ""
+    console.print(f"{bag}: {overview.messages} messages in {overview.duration:.1f} s{written_by}", style="bold")
+    warn_of_damage(console, bag, overview.damage)
+    console.print(_topics(overview.topics))
     if runs:
         _show_runs(console, Recording.read(bag))
 
@@ -90,7 +90,7 @@ def recover(
 
     console = Terminal()
     with Stages(console, "bytes") as stages:
-        state = inspect_bag(bag, lambda done, total: stages.update("reading", done, total))
+        state = inspect_bag(bag, stages.update)
     console.print(f"{bag}: {state.messages} messages", style="bold", highlight=False)
     console.print(_topics(state.topics))
     for (topic, run), audit in state.runs.items():
@@ -102,7 +102,7 @@ def recover(
         return
     with Stages(console, "bytes") as stages:
         target = out or bag.absolute().with_name(f"{bag.absolute().stem}_recovered")
-        made = recover_bag(state, target, lambda done, total: stages.update("copying", done, total))
+        made = recover_bag(state, target, stages.update)
     console.print(f"recovered bag: {made}", highlight=False, markup=False, soft_wrap=True)
 
 

@@ -63,7 +63,7 @@ def campbell(
     make_folder(out)
     console = Terminal()
     with Interrupt() as interrupt, Stages(console, "speeds") as stages:
-        found = identify_over_speeds(
+        diagram = identify_over_speeds(
             plant,
             controller,
             wanted / RPM,
@@ -71,18 +71,18 @@ def campbell(
             cache=cache,
             scheduler=scheduler,
             workers=workers,
-            progress=lambda done, total: stages.update("experiments", done, total),
+            progress=stages.update,
             cancelled=interrupt.asked,
         )
-    if found is None:
+    if diagram is None:
         typer.echo("amb: interrupted; finished models are kept: run the same command to resume", err=True)
         raise typer.Exit(INTERRUPTED)
-    _write(out, found)
-    console.print(_table(found))
-    for result in found.results:
+    _write(out, diagram)
+    console.print(_table(diagram))
+    for result in diagram.results:
         if result.problem:
             console.print(f"{result.rpm:.0f} rpm: no model: {result.problem}", style="yellow", soft_wrap=True)
-    if not found.computed.stable:
+    if not diagram.computed.stable:
         console.print("the computed loop is unstable at some of the speeds", style="yellow")
     console.print(f"campbell.png, campbell.html, modes.csv, summary.json, models: {out}", soft_wrap=True)
 
@@ -94,26 +94,28 @@ def _speeds(text: str) -> list[float]:
         raise ParameterError(f"--at {text}: must be running speeds in rpm, as 0,1500,3000") from None
 
 
-def _write(out: Path, found: IdentifiedCampbell) -> None:
+def _write(out: Path, diagram: IdentifiedCampbell) -> None:
     """Figure, table, summary, and a model for each speed."""
-    campbell_chart(found.computed, found.identified, "Campbell diagram, identified over computed").save(out, "campbell")
-    write_json(out / "summary.json", found.to_json())
+    campbell_chart(diagram.computed, diagram.identified, "Campbell diagram, identified over computed").save(
+        out, "campbell"
+    )
+    write_json(out / "summary.json", diagram.to_json())
     try:
         with (out / "modes.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
-            writer.writerows(found.rows())
+            writer.writerows(diagram.rows())
     except OSError as problem:
         raise ResultError(f"{out / 'modes.csv'}: cannot be written: {problem.strerror}") from None
-    for result in found.results:
+    for result in diagram.results:
         if result.model is not None:
             result.model.save(out / f"model_{result.rpm:g}_rpm.json")
 
 
-def _table(found: IdentifiedCampbell) -> Table:
+def _table(diagram: IdentifiedCampbell) -> Table:
     table = Table("rpm", "mode", "whirl", "computed (Hz)", "identified (Hz)", "error (%)", "damping ratio")
     table.title = "Modes of the closed loop, computed and identified"
-    for row in found.rows():
+    for row in diagram.rows():
         table.add_row(
             f"{row['rpm']:.0f}",
             row["kind"] or "-",

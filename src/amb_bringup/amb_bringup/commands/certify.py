@@ -107,27 +107,27 @@ def certify(
     if sweep.sweep_amplitude:
         request = replace(request, sweep_bag=str(_measure(console, sweep, out / "sweep")))
     with Stages(console) as stages:
-        found = certify_request(request, reader=read_shown(console), progress=stages.update)
-    page = write_certificate(found, out)
-    say(found.verdict)
+        certificate = certify_request(request, reader=read_shown(console), progress=stages.update)
+    page = write_certificate(certificate, out)
+    say(certificate.verdict)
     console.print(f"certificate.html and certificate.json: {out}")
     if browser:
         console.print(f"PDF, to be signed: {write_pdf(page, browser)}")
-    if not found.certified:
+    if not certificate.certified:
         raise typer.Exit(NOT_CERTIFIED)
 
 
 def _again(console: Console, path: Path, files: Mapping[str, str]) -> None:
     """Compute a certificate again and report what differs."""
     with Stages(console) as stages:
-        found = certify_again(path, files, stages.update)
-    for text in found.differences:
+        repetition = certify_again(path, files, stages.update)
+    for text in repetition.differences:
         say(f"differs: {text}")
-    for text in found.remarks:
+    for text in repetition.remarks:
         console.print(text, style="yellow", highlight=False, soft_wrap=True)
-    if found.differences:
+    if repetition.differences:
         raise typer.Exit(NOT_THE_SAME)
-    say(f"The same certificate: {found.compared} values agree. {found.certificate.verdict}")
+    say(f"The same certificate: {repetition.compared} values agree. {repetition.certificate.verdict}")
 
 
 def _measure(console: Console, sweep: SweepSettings, bag: Path) -> Path:

@@ -111,7 +111,7 @@ def _bridge(path: Path) -> BridgeParameters:
 
 
 def _expected(path: Path, bridge: BridgeParameters) -> Expected | None:
-    """What the machine of a parameter file lets expect; None if it describes none, or another law closes the loop."""
+    """What the model of a file predicts of its machine; None if it describes none, or another law closes the loop."""
     if bridge.controller_file or not ParameterFile(path).values("simulator"):
         return None
     plant, _ = machine_parameters(str(path), NAMESPACE)

@@ -67,20 +67,23 @@ def compare(
     loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, "validating"):
-        found = _judged(models, loop)
-    console.print(_table(found.validations))
-    for name, reason in found.refused.items():
+        comparison = _judged(models, loop)
+    console.print(_table(comparison.validations))
+    for name, reason in comparison.refused.items():
         console.print(Text(name, "red"), f": {reason}", sep="", soft_wrap=True)
     if results is not None:
         write_json(
             results,
-            {"models": {name: item.as_dict() for name, item in found.validations.items()}, "refused": found.refused},
+            {
+                "models": {name: item.as_dict() for name, item in comparison.validations.items()},
+                "refused": comparison.refused,
+            },
         )
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, found.validations, drawn)
+            names = save_validation_figures(figures, comparison.validations, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
-    if all(item.verdict is Verdict.NOT_VALIDATED for item in found.validations.values()):
+    if all(item.verdict is Verdict.NOT_VALIDATED for item in comparison.validations.values()):
         raise typer.Exit(NOT_VALIDATED)
 
 
@@ -92,8 +95,8 @@ def _judged(models: list[Path], loop: RecordedLoop) -> Comparison:
             loaded[name] = StateSpaceModel.load(path)
         except IdentificationError as problem:  # the others can still be validated
             refused[name] = str(problem)
-    found = compare_models(loaded, loop)
-    return replace(found, refused={**refused, **found.refused})
+    comparison = compare_models(loaded, loop)
+    return replace(comparison, refused={**refused, **comparison.refused})
 
 
 def _names(models: list[Path]) -> list[str]:
@@ -105,12 +108,12 @@ def _names(models: list[Path]) -> list[str]:
     return [f"{number}: {path}" for number, path in enumerate(models, start=1)]
 
 
-def _table(found: Mapping[str, Validation]) -> Table:
+def _table(validations: Mapping[str, Validation]) -> Table:
 
-    items = list(found.values())
+    items = list(validations.values())
     one = items[0]
     data = f"{one.data.samples} samples, {', '.join(dict.fromkeys(item.source for item in one.data.experiments))}"
-    table = Table("model", *found, title=f"Models on {data}", title_justify="left")
+    table = Table("model", *validations, title=f"Models on {data}", title_justify="left")
     table.add_row("method", *(item.model.method for item in items))
     table.add_row("order", *(str(item.model.order) for item in items))
     for index, name in enumerate(one.model.output_names):

@@ -72,39 +72,37 @@ def _simulate(
 ) -> None:
     make_folder(out)
     with Stages(console) as stages:
-        found = simulate_distortion(
-            plant, controller, settings, lambda done, total: stages.update("experiments", done, total)
-        )
-    console.print(_table(found))
-    write_json(out / "summary.json", {"settings": settings.model_dump(), **found.as_dict()})
-    distortion_chart(found).save(out, "distortion")
+        distortion = simulate_distortion(plant, controller, settings, stages.update)
+    console.print(_table(distortion))
+    write_json(out / "summary.json", {"settings": settings.model_dump(), **distortion.as_dict()})
+    distortion_chart(distortion).save(out, "distortion")
     console.print(f"summary.json, figures: {out}")
 
 
 def _measure(console: Console, files: DataOptions, path: Path, chosen: tuple[int | None, int, int], out: Path) -> None:
     recording, _ = files.recording(console, path)
     with working(console, f"measuring {path}"):
-        found = evidence_of_run(recording, *chosen)
-    if found.distortion is None and found.coherence is None:
-        raise SpectrumError(f"{path}: {'; '.join(dict.fromkeys([found.problem, found.coherence_problem]))}")
+        evidence = evidence_of_run(recording, *chosen)
+    if evidence.distortion is None and evidence.coherence is None:
+        raise SpectrumError(f"{path}: {'; '.join(dict.fromkeys([evidence.problem, evidence.coherence_problem]))}")
     make_folder(out)
-    if found.distortion is not None:
-        console.print(_table(found.distortion))
-        console.print(_conditions(found.distortion))
-        distortion_chart(found.distortion).save(out, "distortion")
+    if evidence.distortion is not None:
+        console.print(_table(evidence.distortion))
+        console.print(_conditions(evidence.distortion))
+        distortion_chart(evidence.distortion).save(out, "distortion")
     else:
-        console.print(f"no distortion: {found.problem}", style="yellow", highlight=False)
-    if found.coherence is not None:
-        console.print(_coherence_table(found.coherence))
-        coherence_chart(found.coherence).save(out, "coherence")
-    write_json(out / "summary.json", {"recording": str(path), **found.as_dict()})
+        console.print(f"no distortion: {evidence.problem}", style="yellow", highlight=False)
+    if evidence.coherence is not None:
+        console.print(_coherence_table(evidence.coherence))
+        coherence_chart(evidence.coherence).save(out, "coherence")
+    write_json(out / "summary.json", {"recording": str(path), **evidence.as_dict()})
     console.print(f"summary.json, figures: {out}")
 
 
-def _table(found: Distortion) -> Table:
+def _table(distortion: Distortion) -> Table:
     table = Table("axis", "distortion", "", "even order", "odd order", "noise of a period")
     table.title = "over the linear response"
-    for axis, values in found.as_dict().items():
+    for axis, values in distortion.as_dict().items():
         level = values["distortion_db"]
         table.add_row(
             axis,
@@ -115,20 +113,20 @@ def _table(found: Distortion) -> Table:
     return table
 
 
-def _conditions(found: Distortion) -> str:
+def _conditions(distortion: Distortion) -> str:
     text = (
-        f"{found.method} method: experiments with references of their own: {found.experiments}, periods measured in "
-        f"each: {found.periods} or more, of {found.period:g} s"
+        f"{distortion.method} method: experiments with references of their own: {distortion.experiments}, periods "
+        f"measured in each: {distortion.periods} or more, of {distortion.period:g} s"
     )
-    if not found.complete:
+    if not distortion.complete:
         text += "; all odd lines are excited, so distortion of odd order is hidden and not counted"
     return text
 
 
-def _coherence_table(found: Coherence) -> Table:
+def _coherence_table(coherence: Coherence) -> Table:
     table = Table("axis", "coherence", "lowest of a band", "noise and distortion over the rest")
-    table.title = f"coherence of position and reference, bands of {found.width:.3g} Hz"
-    for axis, values in found.as_dict().items():
+    table.title = f"coherence of position and reference, bands of {coherence.width:.3g} Hz"
+    for axis, values in coherence.as_dict().items():
         table.add_row(
             axis,
             *(("-" if part is None else f"{part:.4f}") for part in (values["coherence"], values["lowest_coherence"])),

@@ -32,6 +32,7 @@ from amb_core.designs.excitation.summary import check_summary, design_summary, t
 from amb_core.excitation import KINDS, excitation_from_request, generate
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import part_of
+from amb_core.ground.progress import as_stage
 from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -74,16 +75,16 @@ def check(
     """Compare an excitation with a region map: the shares of its power in A, B, C and D, and what to do."""
     region_map, loop = _load(map_file, params)
     signal = generate(excitation_from_request(kind, given), loop[0].sample_rate)
-    found = check_excitation(signal, region_map, *loop[:2])
+    checked = check_excitation(signal, region_map, *loop[:2])
     console = Terminal()
     make_folder(out)
     summary: dict[str, Any] = {"map": str(map_file), "parameters": signal.parameters.model_dump()}
-    summary["check"] = check_summary(found)
-    _print_check(console, found)
+    summary["check"] = check_summary(checked)
+    _print_check(console, checked)
     if simulate:
         with Stages(console, "steps") as stages:
             bench = TrialBench(loop[1], loop[0], loop[2])
-            trial = bench.run(signal, lambda done, total: stages.update("simulated", done, total))
+            trial = bench.run(signal, as_stage("simulated", stages.update))
         use = use_of_trial(trial, Limits(), bench.regions.drift_threshold)
         beyond = use.what if use.share > 1.0 else None
         summary["trial"] = trial_summary(trial) | {"beyond_limits": beyond}
@@ -94,7 +95,7 @@ def check(
             console.print(f"beyond the limits of a design: {beyond}", style="yellow", highlight=False)
     else:
         console.print("not simulated: the map knows regions, not distortion; --simulate measures it")
-    _write(out, summary, found, region_map, console)
+    _write(out, summary, checked, region_map, console)
 
 
 @app.command()
@@ -170,18 +171,18 @@ def _exists(path: Path) -> bool:
         return True
 
 
-def _print_check(console: Console, found: ExcitationCheck) -> None:
-    colour = {"A": "green" if found.certain else "yellow", "B": "yellow"}.get(found.predicted.name, "red")
-    console.print(_check_table(found))
-    console.print(found.verdict, style=colour)
-    for note in found.notes:
+def _print_check(console: Console, checked: ExcitationCheck) -> None:
+    colour = {"A": "green" if checked.certain else "yellow", "B": "yellow"}.get(checked.predicted.name, "red")
+    console.print(_check_table(checked))
+    console.print(checked.verdict, style=colour)
+    for note in checked.notes:
         console.print(f"note: {note}", style="yellow")
 
 
-def _check_table(found: ExcitationCheck) -> Table:
+def _check_table(checked: ExcitationCheck) -> Table:
 
-    axes = found.axes
-    table = Table("quantity", *(axis.axis for axis in axes), "limit", title=f"{found.kind} on the region map")
+    axes = checked.axes
+    table = Table("quantity", *(axis.axis for axis in axes), "limit", title=f"{checked.kind} on the region map")
     for region in Region:
         table.add_row(f"share of the power in {region.name}", *(f"{100 * axis.shares[region]:.1f} %" for axis in axes))
     for region in (Region.B, Region.C, Region.D):
@@ -190,17 +191,17 @@ def _check_table(found: ExcitationCheck) -> Table:
     table.add_row("rms, peak (um)", *(f"{UM * axis.rms:.2f}, {UM * axis.peak:.2f}" for axis in axes))
     table.add_row("crest factor", *(f"{axis.crest_factor:.2f}" for axis in axes))
     table.add_row(
-        "control current at rest (A)", *(f"{axis.static_current:.2f}" for axis in axes), f"{found.current_limit:.2f}"
+        "control current at rest (A)", *(f"{axis.static_current:.2f}" for axis in axes), f"{checked.current_limit:.2f}"
     )
     table.add_row(
         "control current, rms without and peak with that at rest (A)",
         *(f"{axis.command_rms:.2f}, {axis.command_peak:.2f}" for axis in axes),
-        f"{found.current_limit:.2f}",
+        f"{checked.current_limit:.2f}",
     )
     table.add_row(
         "its slew, rms and peak (kA/s)",
         *(f"{1e-3 * axis.slew_rms:.2f}, {1e-3 * axis.slew_peak:.2f}" for axis in axes),
-        "none" if found.slew_rate is None else f"{1e-3 * found.slew_rate:.2f}",
+        "none" if checked.slew_rate is None else f"{1e-3 * checked.slew_rate:.2f}",
     )
     table.add_row("samples above the current limit", *(f"{100 * axis.limited:.2f} %" for axis in axes))
     table.add_row("samples beyond the slew limit", *(f"{100 * axis.slewed:.2f} %" for axis in axes))
@@ -239,8 +240,10 @@ def _design_table(designed: DesignedExcitation) -> Table:
     return table
 
 
-def _write(out: Path, summary: dict[str, Any], found: ExcitationCheck, region_map: RegionMap, console: Console) -> None:
+def _write(
+    out: Path, summary: dict[str, Any], checked: ExcitationCheck, region_map: RegionMap, console: Console
+) -> None:
     """Summary and figure."""
     write_json(out / "summary.json", summary)
-    overlay_chart(found, region_map).save(out, "overlay")
+    overlay_chart(checked, region_map).save(out, "overlay")
     console.print(f"summary.json, overlay.png, overlay.html: {out}")

@@ -20,7 +20,7 @@ from amb_bringup.commands.validate import load_recorded
 from amb_core import identification
 from amb_core.data.analysis import RecordedLoop
 from amb_core.data.controller_choice import ALLOWED, NO_CONTROLLER, needs_controller
-from amb_core.data.experiments import merge
+from amb_core.data.experiments import Finding, merge
 from amb_core.data.experiments.drift import DriftOption
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.results import plain
@@ -193,18 +193,19 @@ def summary_of(result: Identification) -> dict[str, Any]:
             name: getattr(selection, name)
             for name in ("chosen", "orders", "bic", "aic", "validation_error", "singular_values")
         },
-        "findings": [
-            {
-                "check": finding.check,
-                "severity": finding.severity.name.lower(),
-                "what": finding.what,
-                "where": finding.where,
-                "advice": finding.advice,
-            }
-            for finding in result.report.findings
-        ],
+        "findings": [_finding(finding) for finding in result.report.findings],
     }
     return dict(plain(content))
+
+
+def _finding(finding: Finding) -> dict[str, str]:
+    return {
+        "check": finding.check,
+        "severity": finding.severity.name.lower(),
+        "what": finding.what,
+        "where": finding.where,
+        "advice": finding.advice,
+    }
 
 
 def _table(result: Identification) -> Table:

@@ -44,7 +44,7 @@ def load_loop(params: Path | None) -> tuple[PlantParameters, ControllerParameter
 def load_regions(params: Path | None) -> RegionParameters:
     """Thresholds of the classifier in a parameter file of all nodes."""
     from amb_core.regions import RegionParameters
-    from amb_ident_node.region_monitor import RegionMonitorParameters
+    from amb_ident_node.region_monitor_parameters import RegionMonitorParameters
 
     return _part(RegionParameters, RegionMonitorParameters, parameter_file(params), "region_monitor")
 

@@ -88,9 +88,13 @@ class JitterWatch:
         """What was found, a row for each node."""
         table = Table("node", "paced", "missed", "in all", *QUANTILES, title="lateness in us", box=SIMPLE)
         for name, node in sorted(self.nodes.items()):
-            found = node.summary()
-            lateness = (f"{value:.{1 if value < 100.0 else 0}f}" for value in found["lateness_us"].values())
-            counts = (f"{found['deadlines']} {found['paced']}", str(found["missed"]), str(found["missed_in_all"]))
+            summary = node.summary()
+            lateness = (f"{value:.{1 if value < 100.0 else 0}f}" for value in summary["lateness_us"].values())
+            counts = (
+                f"{summary['deadlines']} {summary['paced']}",
+                str(summary["missed"]),
+                str(summary["missed_in_all"]),
+            )
             table.add_row(name, *counts, *lateness)
         return table
 
@@ -126,13 +130,13 @@ def jitter(
             "no node reports a pace on /diagnostics; paced are a simulator with real_time_factor above 0, and "
             "target_emulator, in the DDS domain ROS_DOMAIN_ID"
         )
-    found = {name: node.summary() for name, node in sorted(watch.nodes.items())}
+    summaries = {name: node.summary() for name, node in sorted(watch.nodes.items())}
     if as_json:
-        typer.echo(json.dumps(found, indent=2))
+        typer.echo(json.dumps(summaries, indent=2))
     else:
         console.print(watch.table())
     if out is not None:
-        write_json(out, found)
+        write_json(out, summaries)
     if figures is not None:
         lateness_chart(watch.histograms()).save(figures, "lateness")
 

@@ -100,10 +100,10 @@ def region_map(
             if design:
                 cells = build_grid(settings, plant, controller, design, regions, **options)
             else:
-                found = build_map(settings, plant, controller, regions, **options)
+                built = build_map(settings, plant, controller, regions, **options)
                 if confirm and not interrupt.asked():
                     stage = "confirmation"
-                    found = confirm_map(found, plant, controller, regions, confirmation, **options)
+                    built = confirm_map(built, plant, controller, regions, confirmation, **options)
         except AmbError:
             if interrupt.asked():  # before any sweep was finished
                 raise KeyboardInterrupt from None
@@ -111,7 +111,7 @@ def region_map(
     if design:
         _write_grid(out, cells, console)
     else:
-        _write_map(out, found, plant, controller, console)
+        _write_map(out, built, plant, controller, console)
     if interrupt.asked():
         typer.echo("amb: interrupted; finished sweeps are kept: run the same command to resume", err=True)
         raise typer.Exit(INTERRUPTED)
@@ -127,14 +127,16 @@ def _settings(given: dict[str, Any], confirm: bool) -> tuple[MapSettings, Confir
     return validate(MapSettings, sweeps, RegionError), validate(ConfirmationSettings, asked, RegionError)
 
 
-def _ranges(found: RegionMap) -> str:
+def _ranges(region_map: RegionMap) -> str:
     """The frequencies at which each region begins, as text."""
-    return ", ".join(f"{region.name} {_range(found, region)}" for region in BOUNDARIES if _range(found, region))
+    return ", ".join(
+        f"{region.name} {_range(region_map, region)}" for region in BOUNDARIES if _range(region_map, region)
+    )
 
 
-def _range(found: RegionMap, region: Region) -> str:
+def _range(region_map: RegionMap, region: Region) -> str:
 
-    frequency = found.frequencies(region)
+    frequency = region_map.frequencies(region)
     return "" if np.isnan(frequency).all() else f"{np.nanmin(frequency):.0f} to {np.nanmax(frequency):.0f}"
 
 
@@ -152,19 +154,19 @@ def _design(grid: list[str]) -> dict[str, list[Any]]:
 
 
 def _write_map(
-    out: Path, found: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
+    out: Path, region_map: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
     """Write map, summary and figures, and print the tables."""
-    found.save(out / "map.json")
-    lines = analytic_lines(plant, controller, found.settings.axes)
-    comparisons = compare(found, lines)
-    write_json(out / "summary.json", _summary(found, comparisons))
-    map_chart(found, lines).save(out, "map")
-    console.print(_boundary_table(found))
+    region_map.save(out / "map.json")
+    lines = analytic_lines(plant, controller, region_map.settings.axes)
+    comparisons = compare(region_map, lines)
+    write_json(out / "summary.json", _summary(region_map, comparisons))
+    map_chart(region_map, lines).save(out, "map")
+    console.print(_boundary_table(region_map))
     console.print(_line_table(comparisons))
-    console.print(f"rate of the sweeps: {sweep_rate_text(found)}")
-    print_confirmation(found, console)
-    if not found.complete:
+    console.print(f"rate of the sweeps: {sweep_rate_text(region_map)}")
+    print_confirmation(region_map, console)
+    if not region_map.complete:
         console.print("not resolved as requested; more sweeps (--max-sweeps) would help", style="yellow")
     console.print(f"map.json, summary.json, map.png, map.html: {out}")
 
@@ -202,18 +204,18 @@ def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     console.print(f"{files}: {out}")
 
 
-def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
-    confirmed = {} if found.confirmation is None else {"confirmation": confirmation_summary(found)}
+def _summary(region_map: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
+    confirmed = {} if region_map.confirmation is None else {"confirmation": confirmation_summary(region_map)}
     return {
-        "complete": found.complete,
-        "sweep_rate": sweep_rate_text(found),
+        "complete": region_map.complete,
+        "sweep_rate": sweep_rate_text(region_map),
         "sweeps": [
             {
                 "amplitude": sweep.amplitude,
                 "boundaries": {region.name: edge.frequency for region, edge in sweep.boundaries.items()},
                 "resonance": [region.name for region, edge in sweep.boundaries.items() if edge.resonance],
             }
-            for sweep in found.sweeps
+            for sweep in region_map.sweeps
         ],
         "lines_over_boundaries": [
             {
@@ -229,13 +231,13 @@ def _summary(found: RegionMap, comparisons: list[Comparison]) -> dict[str, Any]:
     } | confirmed
 
 
-def _boundary_table(found: RegionMap) -> Table:
+def _boundary_table(region_map: RegionMap) -> Table:
 
     table = Table(title="Where the regions begin; * by ordinary resonance")
     table.add_column("amplitude (um)", justify="right")
     for region in BOUNDARIES:
         table.add_column(f"{region.name} (Hz)", justify="right")
-    for sweep in found.sweeps:
+    for sweep in region_map.sweeps:
         edges = [sweep.boundaries.get(region) for region in BOUNDARIES]
         texts = ["" if edge is None else f"{edge.frequency:.1f}{'*' if edge.resonance else ' '}" for edge in edges]
         table.add_row(f"{1e6 * sweep.amplitude:.2f}", *texts)

@@ -25,50 +25,51 @@ from amb_core.regions.region_map import (
 )
 
 
-def confirmation_summary(found: RegionMap) -> dict[str, Any]:
+def confirmation_summary(region_map: RegionMap) -> dict[str, Any]:
     """The confirmation of a map as plain JSON values; a frequency at which nothing begins is null."""
-    confirmation = found.confirmation
+    confirmation = region_map.confirmation
     if confirmation is None:
         return {}
     return {
         "complete": confirmation.complete,
         "settings": confirmation.settings.model_dump(),
-        "other_sweep_rate": sweep_rate_text(found, confirmation.settings.rate_factor),
-        "warnings": confirmation_warnings(found),
+        "other_sweep_rate": sweep_rate_text(region_map, confirmation.settings.rate_factor),
+        "warnings": confirmation_warnings(region_map),
         "bands": [
-            {"amplitude": sweep.amplitude, "boundaries": _band_entry(found, sweep.amplitude)} for sweep in found.sweeps
+            {"amplitude": sweep.amplitude, "boundaries": _band_entry(region_map, sweep.amplitude)}
+            for sweep in region_map.sweeps
         ],
-        "dwell_over_sweep": [_spread(band) for band in sweep_and_dwell(found)],
-        "above_over_below": [_spread(band) for band in below_and_above(found)],
-        "other_rate_over_sweep": [_spread(band) for band in two_rates(found)],
+        "dwell_over_sweep": [_spread(band) for band in sweep_and_dwell(region_map)],
+        "above_over_below": [_spread(band) for band in below_and_above(region_map)],
+        "other_rate_over_sweep": [_spread(band) for band in two_rates(region_map)],
     }
 
 
-def print_confirmation(found: RegionMap, console: Console) -> None:
+def print_confirmation(region_map: RegionMap, console: Console) -> None:
     """Print the bands of a confirmed map, how far their sides lie apart, and the warnings."""
-    confirmation = found.confirmation
+    confirmation = region_map.confirmation
     if confirmation is None:
         return
-    console.print(_band_table(found))
-    console.print(_spread_table(found))
-    for text in confirmation_warnings(found):
+    console.print(_band_table(region_map))
+    console.print(_spread_table(region_map))
+    for text in confirmation_warnings(region_map):
         console.print(f"{text}", style="yellow")
     if not confirmation.complete:
         console.print("the confirmation is not complete", style="yellow")
 
 
-def _band_entry(found: RegionMap, amplitude: float) -> dict[str, Any]:
-    assert found.confirmation is not None
+def _band_entry(region_map: RegionMap, amplitude: float) -> dict[str, Any]:
+    assert region_map.confirmation is not None
     entry: dict[str, Any] = {}
-    other = {sweep.amplitude: sweep.boundaries for sweep in found.confirmation.sweeps}
-    own = {sweep.amplitude: sweep.boundaries for sweep in found.sweeps}
+    other = {sweep.amplitude: sweep.boundaries for sweep in region_map.confirmation.sweeps}
+    own = {sweep.amplitude: sweep.boundaries for sweep in region_map.sweeps}
     for region in BOUNDARIES:
         sides: dict[str, Any] = {}
         for name, swept in (("sweep", own), ("other_rate", other)):
             if region in swept.get(amplitude, {}):
                 sides[name] = swept[amplitude][region].frequency
         for direction in DIRECTIONS:
-            dwell = found.confirmation.dwell(region, amplitude, direction)
+            dwell = region_map.confirmation.dwell(region, amplitude, direction)
             if dwell is not None:
                 sides[f"dwell_{direction}"] = _bracket(dwell)
         if sides:
@@ -101,21 +102,21 @@ def _spread(band: BoundaryBand) -> dict[str, Any]:
     return entry
 
 
-def _band_table(found: RegionMap) -> Table:
+def _band_table(region_map: RegionMap) -> Table:
     table = Table(title="Boundaries (Hz): sweep, fixed sine from below, from above; - none, ? not reached")
     table.add_column("amplitude (um)", justify="right")
     for region in BOUNDARIES:
         table.add_column(region.name, justify="right")
-    for sweep in found.sweeps:
-        cells = [_sides(found, sweep.amplitude, region) for region in BOUNDARIES]
+    for sweep in region_map.sweeps:
+        cells = [_sides(region_map, sweep.amplitude, region) for region in BOUNDARIES]
         table.add_row(f"{UM * sweep.amplitude:.2f}", *cells)
     return table
 
 
-def _sides(found: RegionMap, amplitude: float, region: Region) -> str:
-    assert found.confirmation is not None
-    swept = next(sweep for sweep in found.sweeps if sweep.amplitude == amplitude).boundaries.get(region)
-    dwells = [found.confirmation.dwell(region, amplitude, direction) for direction in DIRECTIONS]
+def _sides(region_map: RegionMap, amplitude: float, region: Region) -> str:
+    assert region_map.confirmation is not None
+    swept = next(sweep for sweep in region_map.sweeps if sweep.amplitude == amplitude).boundaries.get(region)
+    dwells = [region_map.confirmation.dwell(region, amplitude, direction) for direction in DIRECTIONS]
     if swept is None and not any(dwells):
         return ""
     texts = ["-" if swept is None else f"{swept.frequency:.0f}"]
@@ -129,12 +130,12 @@ def _sides(found: RegionMap, amplitude: float, region: Region) -> str:
     return ", ".join(texts)
 
 
-def _spread_table(found: RegionMap) -> Table:
+def _spread_table(region_map: RegionMap) -> Table:
     table = Table("", "region", "amplitudes", "median", "range", "only one has it", title="How far they lie apart")
     for name, bands in (
-        ("fixed sine / sweep", sweep_and_dwell(found)),
-        ("from above / from below", below_and_above(found)),
-        ("sweep at the other rate / sweep", two_rates(found)),
+        ("fixed sine / sweep", sweep_and_dwell(region_map)),
+        ("from above / from below", below_and_above(region_map)),
+        ("sweep at the other rate / sweep", two_rates(region_map)),
     ):
         for band in bands:
             ratio = band.ratio

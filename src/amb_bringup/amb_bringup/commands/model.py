@@ -45,11 +45,11 @@ def export(
     formats = [name for name, wanted in chosen.items() if wanted]
     if len(formats) != 1:
         raise IdentificationError(f"give one format: {', '.join(f'--{name}' for name in chosen)}")
-    console, found = Terminal(), StateSpaceModel.load(model)
+    console, loaded = Terminal(), StateSpaceModel.load(model)
     if c:
-        written = _write_c(found, model.stem, out or model.with_name(f"{model.stem}_c"), overwrite)
+        written = _write_c(loaded, model.stem, out or model.with_name(f"{model.stem}_c"), overwrite)
     else:
-        written = [_write_file(found, formats[0], out or model.with_suffix(ENDINGS[formats[0]]), overwrite)]
+        written = [_write_file(loaded, formats[0], out or model.with_suffix(ENDINGS[formats[0]]), overwrite)]
     for path in written:
         console.print(f"written: {path}", highlight=False, markup=False, soft_wrap=True)
 

@@ -31,23 +31,23 @@ def modes(
     """Print the modes of the closed loop and of the plant alone: frequency, damping, whirl direction and shape."""
     plant_parameters, controller = load_loop(params)
     model = linearize(Plant(plant_parameters), controller)
-    found = {"closed loop": modes_of(model.closed_loop), "plant without loop": modes_of(model.discrete)}
+    modes_by_system = {"closed loop": modes_of(model.closed_loop), "plant without loop": modes_of(model.discrete)}
     if as_json:
-        content = {name.split()[0]: part.selected().to_json() for name, part in found.items()}
+        content = {name.split()[0]: part.selected().to_json() for name, part in modes_by_system.items()}
         typer.echo(json.dumps(content, indent=2))
         return
     console = Terminal()
     rpm = RPM * plant_parameters.rotor.running_speed
-    for name, part in found.items():
+    for name, part in modes_by_system.items():
         console.print(modes_table(part.selected(), f"{parameter_file(params)}, {name}, {rpm:g} rpm"))
 
 
-def modes_table(found: Modes, title: str) -> Table:
+def modes_table(modes: Modes, title: str) -> Table:
     """A row per mode; the shape as magnitude and phase at each sensor."""
     table = Table("mode", "natural (Hz)", "damped (Hz)", "damping ratio", "whirl", title=title)
-    for name in found.output_names:
+    for name in modes.output_names:
         table.add_column(name, justify="right")
-    for mode in found.modes:
+    for mode in modes.modes:
         shape = [f"{abs(value):.2f} @ {np.degrees(np.angle(value)):.0f}" for value in mode.shape.tolist()]
         unstable = "" if mode.stable else " unstable"
         table.add_row(
@@ -73,24 +73,24 @@ def campbell(
     make_folder(out)
     console = Terminal()
     with Stages(console, "speeds") as stages:
-        found = compute_campbell(
+        diagram = compute_campbell(
             plant_parameters,
             controller,
             np.linspace(0.0, max_speed / RPM, speeds),
-            lambda done, total: stages.update("modes", done, total),
+            stages.update,
         )
-    write_json(out / "campbell.json", found.to_json())
-    image, page = campbell_chart(found).save(out, "campbell")
-    console.print(_critical(found))
-    if not found.stable:
+    write_json(out / "campbell.json", diagram.to_json())
+    image, page = campbell_chart(diagram).save(out, "campbell")
+    console.print(_critical(diagram))
+    if not diagram.stable:
         console.print("the loop is unstable at some of the speeds", style="yellow")
     for path in (image, page, out / "campbell.json"):
         console.print(f"written to {path}", highlight=False, soft_wrap=True)
 
 
-def _critical(found: Campbell) -> Table:
+def _critical(diagram: Campbell) -> Table:
     table = Table("critical speed (rpm)", "mode", "whirl", "damping ratio", "amplification")
-    for item in found.critical_speeds:
+    for item in diagram.critical_speeds:
         note = " (critically damped)" if item.critically_damped else ""
         table.add_row(
             f"{item.rpm:.0f}",

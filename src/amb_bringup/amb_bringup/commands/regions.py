@@ -41,40 +41,45 @@ def regions(
     make_folder(out)
     recording, _ = files.recording(console, bag)
     with working(console, "classifying"):
-        found = classify_run(recording, run)
-    drawn = _drawn_axes(axes, found.record.axes)
+        classified = classify_run(recording, run)
+    drawn = _drawn_axes(axes, classified.record.axes)
     with working(console, "measuring distortion"):
-        evidence = evidence_or_reason(recording, found.run)
-    summary = {**_summary(found, bag), "distortion": evidence.as_dict()}
-    _print(console, found, summary)
+        evidence = evidence_or_reason(recording, classified.run)
+    summary = {**_summary(classified, bag), "distortion": evidence.as_dict()}
+    _print(console, classified, summary)
     console.print(evidence.brief)
-    _write(out, found, summary, drawn)
+    _write(out, classified, summary, drawn)
     console.print(f"sweep.png, sweep.html, summary.json: {out}")
 
 
-def _summary(found: RecordedRegions, bag: Path) -> dict[str, Any]:
+def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
     """The result as plain JSON values, times in s and frequencies in Hz."""
-    record, told = found.record, found.classification
-    parts = stretches(told.states)
+    record, classification = classified.record, classified.classification
+    parts = stretches(classification.states)
     return {
         "bag": str(bag),
-        "run": found.run,
+        "run": classified.run,
         "first_step": record.first_step,
         "steps": record.steps,
         "sample_time": record.sample_time,
-        "gaps": found.gaps,
-        "delevitated": found.delevitated,
+        "gaps": classified.gaps,
+        "delevitated": classified.delevitated,
         "region_at_end": parts[-1].region.name if parts else None,
         "shares": {region.name: share for region, share in shares(parts).items()},
         "onsets": {
             part: {region.name: _onset(region, onset) for region, onset in onsets.items()}
-            for part, onsets in (("rotor", told.onsets), *told.axis_onsets.items())
+            for part, onsets in (("rotor", classification.onsets), *classification.axis_onsets.items())
         },
         "sampling_beats": [
-            [_frequency(found, first), _frequency(found, last), first * record.sample_time, last * record.sample_time]
-            for first, last in beats(told.states)
+            [
+                _frequency(classified, first),
+                _frequency(classified, last),
+                first * record.sample_time,
+                last * record.sample_time,
+            ]
+            for first, last in beats(classification.states)
         ],
-        "parameters": found.parameters.model_dump(),
+        "parameters": classified.parameters.model_dump(),
     }
 
 
@@ -99,18 +104,21 @@ def _reason(region: Region, onset: Onset) -> str:
     return reason + (", at the resonance of the loop" if onset.resonance else "")
 
 
-def _frequency(found: RecordedRegions, step: int) -> float | None:
+def _frequency(classified: RecordedRegions, step: int) -> float | None:
     """Input frequency at a step according to the bag; None if unknown."""
-    if found.frequency is None:
+    if classified.frequency is None:
         return None
-    return cast("float | None", plain(found.frequency[min(step - found.record.first_step, found.record.steps - 1)]))
+    return cast(
+        "float | None",
+        plain(classified.frequency[min(step - classified.record.first_step, classified.record.steps - 1)]),
+    )
 
 
-def _print(console: Console, found: RecordedRegions, summary: dict[str, Any]) -> None:
+def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any]) -> None:
 
-    if found.gaps:
-        what = "missing" if found.gaps == found.missing else "missing or not finite"
-        console.print(f"{describe_gaps(found.gaps)} are {what}; the classification restarts after", style="yellow")
+    if classified.gaps:
+        what = "missing" if classified.gaps == classified.missing else "missing or not finite"
+        console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(summary))
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
@@ -146,10 +154,10 @@ def _drawn_axes(wanted: str, known: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-def _write(out: Path, found: RecordedRegions, summary: dict[str, Any], axes: tuple[str, ...]) -> None:
+def _write(out: Path, classified: RecordedRegions, summary: dict[str, Any], axes: tuple[str, ...]) -> None:
     """Write figure and summary; over frequency if the input is one rising sweep, else over time."""
-    response = (found.record, found.classification, found.frequency)
-    over = "frequency" if rises(found.frequency) else "time"
-    drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {found.run}"}
+    response = (classified.record, classified.classification, classified.frequency)
+    over = "frequency" if rises(classified.frequency) else "time"
+    drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {classified.run}"}
     sweep_chart(*response, **drawn).save(out, "sweep")
     write_json(out / "summary.json", summary)

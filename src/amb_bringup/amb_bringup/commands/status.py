@@ -34,20 +34,20 @@ def status(
 
     console = Terminal(stderr=True)
     with working(console, "reading"):
-        found = status_of(folder)
+        project = status_of(folder)
     if as_json:
-        say(json.dumps({"version": VERSION, **found.as_dict()}, indent=2))
+        say(json.dumps({"version": VERSION, **project.as_dict()}, indent=2))
         return
     shown = Terminal()
-    if found.items:
-        shown.print(_table(found))
-    shown.print(f"next: {found.step.reason}", highlight=False, soft_wrap=True)
-    if found.step.command:
-        shown.print(f"  {found.step.command}", highlight=False, soft_wrap=True)
+    if project.items:
+        shown.print(_table(project))
+    shown.print(f"next: {project.step.reason}", highlight=False, soft_wrap=True)
+    if project.step.command:
+        shown.print(f"  {project.step.command}", highlight=False, soft_wrap=True)
 
 
-def _table(found: ProjectStatus) -> Table:
+def _table(project: ProjectStatus) -> Table:
     table = Table("what", "where", "state", "")
-    for item in found.items:
+    for item in project.items:
         table.add_row(item.kind, str(item.path), Text(item.state, COLOURS[item.state]), item.reason)
     return table

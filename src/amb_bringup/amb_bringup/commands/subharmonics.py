@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +18,7 @@ from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_core.ground.errors import ParameterError, SpectrumError
 from amb_core.ground.parameters import part_of
+from amb_core.ground.progress import as_stage
 from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -97,8 +97,8 @@ def subharmonics(
     if surface:  # after the spectra are written: it takes minutes, and its scheduler may not be available
         with Stages(console) as stages:
             surfaces = _surfaces(stages, *loop, settings, grid, cache=cache, scheduler=scheduler, workers=workers)
-        for name, found in surfaces.items():
-            console.print(_surface_line(name, found))
+        for name, computed in surfaces.items():
+            console.print(_surface_line(name, computed))
         _write_surfaces(out, results, surfaces)
     console.print(f"summary.json, figures: {out}")
 
@@ -110,10 +110,10 @@ def _analyse_bag(bag: Path, settings: SubharmonicSettings) -> SubharmonicSpectru
     reference = analyse(replace(record, position=record.reference), settings, first)
     for tone, (frequency, asked) in enumerate(zip(settings.frequencies, settings.amplitudes, strict=True)):
         line = reference.line(*(int(tone == index) for index in range(3)))
-        found = 0.0 if line is None else abs(line.amplitude)
-        if abs(found - asked) > TONE_ERROR * asked:
+        amplitude = 0.0 if line is None else abs(line.amplitude)
+        if abs(amplitude - asked) > TONE_ERROR * asked:
             raise SpectrumError(
-                f"bag {bag}: the reference {settings.axis} has {UM * found:.3g} um at {frequency:g} Hz, requested: "
+                f"bag {bag}: the reference {settings.axis} has {UM * amplitude:.3g} um at {frequency:g} Hz, requested: "
                 f"{UM * asked:.3g} um; specify the recorded tones"
             )
     return analyse(record, settings, first)
@@ -163,7 +163,7 @@ def _surfaces(
             settings,
             grid.model_copy(update={"shifted": shifted}),
             **cluster,
-            progress=partial(stages.update, name),
+            progress=as_stage(name, stages.update),
         )
     return surfaces
 
@@ -180,8 +180,8 @@ def _write_surfaces(
 ) -> None:
     """Summary with the surfaces, and their figures."""
     _write_summary(out, results, surfaces)
-    for name, found in surfaces.items():
-        surface_chart(found).save(out, name)
+    for name, surface in surfaces.items():
+        surface_chart(surface).save(out, name)
 
 
 def _write_summary(
@@ -191,8 +191,8 @@ def _write_summary(
     spectra = {
         name: {test: spectrum_summary(spectrum) for test, spectrum in tests.items()} for name, tests in results.items()
     }
-    found = {name: surface_summary(surface) for name, surface in surfaces.items()}
-    write_json(out / "summary.json", {"spectra": spectra, "surfaces": found})
+    summaries = {name: surface_summary(surface) for name, surface in surfaces.items()}
+    write_json(out / "summary.json", {"spectra": spectra, "surfaces": summaries})
 
 
 def _table(title: str, spectrum: SubharmonicSpectrum) -> Table:

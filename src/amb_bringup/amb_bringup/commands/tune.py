@@ -43,14 +43,14 @@ def chart(
     make_folder(out)
     console = Terminal()
     with Stages(console, "rows") as stages:
-        found = stability_chart(plant, controller, points, lambda done, total: stages.update("chart", done, total))
-    known = np.isfinite(found.chosen_peak)
+        stability = stability_chart(plant, controller, points, stages.update)
+    known = np.isfinite(stability.chosen_peak)
     console.print(
-        f"K_P = {found.chosen[0]:.4g} A/m, K_D = {found.chosen[1]:.4g} A s/m: "
-        + (f"peak sensitivity {found.chosen_peak:.3g}" if known else "unstable; amb tune gains suggests others"),
+        f"K_P = {stability.chosen[0]:.4g} A/m, K_D = {stability.chosen[1]:.4g} A s/m: "
+        + (f"peak sensitivity {stability.chosen_peak:.3g}" if known else "unstable; amb tune gains suggests others"),
         highlight=False,
     )
-    stability_figure(found).save(out, "stability")
+    stability_figure(stability).save(out, "stability")
     console.print(f"stability.png, stability.html: {out}")
 
 

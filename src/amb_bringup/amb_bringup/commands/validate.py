@@ -68,15 +68,15 @@ def validate(
     loop = load_recorded(console, files, bag, run, first_step, steps)
     drawn = entries_from(entries, loop.data.input_names, loop.data.output_names)
     with working(console, f"validating order {known.order} on {loop.data.samples} samples"):
-        found = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or None)
-    say(found.report())
+        validation = judge(known, loop.data, loop.controller, plant=loop.plant, horizons=horizon or None)
+    say(validation.report())
     if results is not None:
-        write_json(results, found.as_dict())
+        write_json(results, validation.as_dict())
     if figures is not None:
         with working(console, "drawing"):
-            names = save_validation_figures(figures, {model.stem: found}, drawn)
+            names = save_validation_figures(figures, {model.stem: validation}, drawn)
         console.print(f"{', '.join(names)}, .png and .html: {figures}")
-    if not found.validated:
+    if not validation.validated:
         raise typer.Exit(NOT_VALIDATED)
 
 

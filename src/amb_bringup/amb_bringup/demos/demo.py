@@ -10,9 +10,10 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, Progress
+from amb_bringup.client.experiment import SETTLING_STEPS, Experiment
 from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph
 from amb_core.excitation import Square, generate
+from amb_core.ground.progress import Progress, as_stage
 from amb_core.identification import StateSpaceModel, simulate_closed_loop
 from amb_core.linear.step_response import fit_step_response
 from amb_core.loop.control import ControllerParameters, PdController
@@ -59,7 +60,7 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
     domain_id : int
         DDS domain in which the graph is started.
     progress : callable
-        See `Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -111,7 +112,7 @@ def _without_ros(parameter_file: Path, progress: Progress) -> LoopRecord:
         steps,
         signal.samples,
         SETTLING_STEPS,
-        lambda step: progress("without ROS", step, steps),
+        as_stage("without ROS", progress),
     )
 
 

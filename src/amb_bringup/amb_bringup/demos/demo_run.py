@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, Progress, SimulatorStand, landing
+from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, SimulatorStand, landing
 from amb_bringup.graph.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.excitation import Excitation, generate
 from amb_core.ground.parameters import load_parameters
+from amb_core.ground.progress import Progress
 from amb_core.identification import Focus, StateSpaceModel
 from amb_core.loop.machine import Machine
 from amb_core.loop.pd_parameters import ControllerParameters

@@ -12,17 +12,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, Progress
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_bringup.client.experiment import SETTLING_STEPS, Experiment
 from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph, samples_of
 from amb_core.excitation import Multisine
+from amb_core.ground.progress import Progress, as_stage
 from amb_core.identification import response_of, simulate_closed_loop
 from amb_core.identification.modes import closed_loop_modes
 from amb_core.identification.response_error import response_error
 from amb_core.identification.validation.frequency import response_of_plant
+from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.model.mode_pairs import pair_modes
 from amb_core.linear.model.modes import modes_of
-from amb_core.loop.control import PdController
-from amb_core.plant import Plant, linearize
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.records import LoopRecord
+from amb_core.plant import Plant, PlantParameters, linearize
 from amb_core.plant.simulation import simulate
 from amb_core.report.figures import bode_chart, save_loop_figures
 from amb_core.rig.machine_experiment import amplitude, band_end, model_order, multisine
@@ -78,23 +84,14 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
         done.steps,
         signal,
         SETTLING_STEPS,
-        lambda step: progress("without ROS", step, done.steps),
+        as_stage("without ROS", progress),
     )
     progress("comparison", 0, 1)
     computed = linearize(plant, controller)
     error = response_error(done.model, computed.discrete)
     pairs = pair_modes(closed_loop_modes(done.model, controller), modes_of(computed.closed_loop))
-    experiment = after_settling(records[0])
-    modelled = simulate_closed_loop(
-        done.model, controller, experiment.reference, experiment.first_step, experiment.current[0]
-    )
     done.model.save(folder / "model.json")
-    save_loop_figures(folder, experiment, modelled)
-    responses = [
-        response_of(done.model, error.frequency, label="identified"),
-        response_of_plant(plant.parameters, controller, error.frequency),
-    ]
-    bode_chart(responses).save(folder, "bode")
+    _save_figures(folder, done.model, records[0], plant.parameters, controller, error.frequency)
     progress("comparison", 1, 1)
     summary = MachineDemoSummary(
         axes=list(axes),
@@ -115,6 +112,27 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
     )
     (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
     return summary
+
+
+def _save_figures(
+    folder: Path,
+    model: StateSpaceModel,
+    record: LoopRecord,
+    plant: PlantParameters,
+    controller: ControllerParameters,
+    frequency: NDArray[np.float64],
+) -> None:
+    """The model's loop against the record, and its response against that of the plant."""
+    experiment = after_settling(record)
+    modelled = simulate_closed_loop(
+        model, controller, experiment.reference, experiment.first_step, experiment.current[0]
+    )
+    save_loop_figures(folder, experiment, modelled)
+    responses = [
+        response_of(model, frequency, label="identified"),
+        response_of_plant(plant, controller, frequency),
+    ]
+    bode_chart(responses).save(folder, "bode")
 
 
 def excitation_for(plant: Plant) -> Multisine:

@@ -11,13 +11,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.experiment import Experiment, Progress, RigStand, landing
+from amb_bringup.client.experiment import Experiment, RigStand, landing
 from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_bringup.graph.launcher import Graph, launch_file
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import Excitation, Multisine, Sweep, generate
 from amb_core.ground.errors import AmbError, ExcitationError
 from amb_core.ground.files.parameter_files import RIG_NODES, ParameterFile, full_name
+from amb_core.ground.progress import Progress
 from amb_core.identification.response_error import response_error
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.pd_parameters import ControllerParameters
@@ -84,7 +85,7 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     domain_id : int
         DDS domain in which the graph is started.
     progress : callable
-        See `amb_bringup.client.experiment.Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -160,10 +161,10 @@ def _load_on_a_map(
     )
     rate = plant.machine.sample_rate
     loads = [highest_load(generate(item, rate, plant.machine), region_map, controller) for item in excitations]
-    for excitation, found in zip(excitations, loads, strict=True):
-        if found.load >= 1.0:
-            raise ExcitationError(f"the {excitation.kind} may leave region A on {found.axis}: load {found.load:.2f}")
-    return max(found.load for found in loads)
+    for excitation, load in zip(excitations, loads, strict=True):
+        if load.load >= 1.0:
+            raise ExcitationError(f"the {excitation.kind} may leave region A on {load.axis}: load {load.load:.2f}")
+    return max(load.load for load in loads)
 
 
 def _unhurried(parameter_file: Path, folder: Path) -> Path:
@@ -218,5 +219,7 @@ def _fit(model: StateSpaceModel) -> list[float]:
 def _report(folder: Path, order: int, progress: Progress) -> Path:
     path = folder / "report.html"
     recording = Recording.read(folder / "bag")
-    write_report(recording_report(recording, None, order, lambda stage: progress(f"report, {stage}", 0, 1)), path)
+    write_report(
+        recording_report(recording, None, order, lambda stage, _done, _total: progress(f"report, {stage}", 0, 1)), path
+    )
     return path

@@ -307,9 +307,9 @@ class Session:
         self.figures["small_steps"] = response_chart(
             self._measured.record(started), title="Small steps of each reference"
         )
-        found = core.static_response(self._measured.of_each_axis(excitation, started, before=1, after=1))
+        response = core.static_response(self._measured.of_each_axis(excitation, started, before=1, after=1))
         rest = self._measured.rest_before(started)
-        return core.calibration_checks(found, rest.current.mean(axis=0), machine, self.settings, self.expected)
+        return core.calibration_checks(response, rest.current.mean(axis=0), machine, self.settings, self.expected)
 
     def _map(self) -> list[Check]:
         if self.region_map is None:
@@ -317,10 +317,10 @@ class Session:
         checks = []
         for excitation in (core.sweep(self.settings), core.multisine(self.settings)):
             signal = generate(excitation, self.machine.sample_rate, self.machine)
-            found = highest_load(signal, self.region_map, self.bridge)
+            highest = highest_load(signal, self.region_map, self.bridge)
             advice = "lower its amplitude, or its highest frequency"
-            checks.append(at_most(f"load of the {excitation.kind} on {found.axis}, 1: end of region A", found.load, 1.0,
-                                  "-", advice))  # fmt: skip
+            what = f"load of the {excitation.kind} on {highest.axis}, 1: end of region A"
+            checks.append(at_most(what, highest.load, 1.0, "-", advice))
         return checks
 
     def _sweep(self) -> list[Check]:

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amb_bringup.client import AmbClient, ClientError
-from amb_bringup.client.experiment import Experiment, ExperimentRun, Progress, graph_runs
+from amb_bringup.client.experiment import Experiment, ExperimentRun, graph_runs
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
 from amb_bringup.graph.packages import share_folder
 from amb_core.excitation.signal import steps_of
 from amb_core.ground.files.parameter_files import NODES, RIG_NODES
 from amb_core.ground.parameters import load_parameters
+from amb_core.ground.progress import Progress
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
 
@@ -54,7 +55,7 @@ def run_session(
     choice : GraphChoice
         The graph to start if none runs.
     progress : callable
-        See `amb_bringup.client.experiment.Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Raises
     ------

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from amb_bringup.client import AmbClient, StartedExcitation
-from amb_bringup.client.run_telemetry import RunTelemetry
+from amb_bringup.client.live_telemetry import LiveTelemetry
 from amb_core.excitation import Excitation
 from amb_core.excitation.axes import parts_of
 from amb_core.ground.errors import BagError
@@ -39,7 +39,7 @@ class Measurements:
 
     def __init__(self, amb: AmbClient, machine_of: Callable[[], Machine]) -> None:
         self._amb, self._machine_of = amb, machine_of
-        self._telemetry = RunTelemetry(amb)
+        self._telemetry = LiveTelemetry(amb)
         self.run = 0
 
     def steps(self, seconds: float) -> int:

@@ -99,8 +99,8 @@ class Wiring:
     def lift(self) -> list[Check]:
         """Lift the rotor for some seconds."""
         seconds = self._parameters.levitation_time
-        found = _whole(lambda: levitated(self._bench, self._expected, seconds, self._confirm is not None))
-        return _checks(Diagnosis(found))
+        findings = _whole(lambda: levitated(self._bench, self._expected, seconds, self._confirm is not None))
+        return _checks(Diagnosis(findings))
 
     def _by_hand(self, bench: Bench) -> Mapping[str, Mapping[str, NDArray[np.float64]]]:
         assert self._confirm is not None
@@ -134,11 +134,11 @@ def _whole(measure: Callable[[], T]) -> T:
     return measure()
 
 
-def _checks(found: Diagnosis) -> list[Check]:
+def _checks(diagnosis: Diagnosis) -> list[Check]:
     checks = [
         Check(one.fault + (f" of {' and '.join(one.axes)}" if one.axes else ""), one.detail, limit="none", passed=False)
-        for one in found.findings
+        for one in diagnosis.findings
     ]
     if not checks:
         checks.append(Check("faults of sensors and coils", "none", limit="none", passed=True))
-    return checks + [Check("not checked", text) for text in found.unchecked]
+    return checks + [Check("not checked", text) for text in diagnosis.unchecked]

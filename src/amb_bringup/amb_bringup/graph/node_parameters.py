@@ -8,9 +8,9 @@ from amb_controller_node.parameters import GeneratorParameters, PdControllerPara
 from amb_core.ground.errors import ParameterError
 from amb_core.ground.parameters import Parameters, load_parameters
 from amb_core.plant.machine import machine_of
-from amb_ident_node.identifier import IdentifierParameters
+from amb_ident_node.identifier_parameters import IdentifierParameters
 from amb_ident_node.recorder_parameters import RecorderParameters
-from amb_ident_node.region_monitor import RegionMonitorParameters
+from amb_ident_node.region_monitor_parameters import RegionMonitorParameters
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.emulator_parameters import TargetEmulatorParameters
 from amb_sim_node.parameters import SimulatorParameters

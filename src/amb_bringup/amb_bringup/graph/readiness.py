@@ -11,7 +11,7 @@ from amb_bringup.client.rig import MODES
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS, RIG_NODES, nodes_with
 from amb_msgs.msg import SimulatorState
 from amb_ros import topics
-from amb_sim_node.simulator import MODE_NAMES
+from amb_ros.simulator_modes import MODE_NAMES
 
 OFFERED = {
     "simulator": ("reset", "run", "pause"),

@@ -118,10 +118,10 @@ class FoxgloveBridge:
             samples = self._samples = _Samples(run, block)
             self._sample_time = block.sample_time
         types = samples.messages.types
-        for topic, kind, found in samples.add(block):
+        for topic, kind, messages in samples.add(block):
             channel = self._channel(topic, kind, lambda kind=kind: types.definition(kind))  # type: ignore[misc]
             if channel.has_sinks():
-                for time, data in found():
+                for time, data in messages():
                     channel.log(data, log_time=time)
 
     def _channel(self, topic: str, kind: str, definition: Callable[[], str]) -> Any:
@@ -159,8 +159,8 @@ class _Samples:
             return [pair for times, data in parts for pair in zip(times.tolist(), data, strict=True)]
 
         def spectrum() -> list[tuple[int, bytes]]:
-            times = [int(step_times(found.step - 1, self.sample_time)) for found in spectra]
-            return [(time, self.messages.spectrum(time, found)) for time, found in zip(times, spectra, strict=True)]
+            times = [int(step_times(one.step - 1, self.sample_time)) for one in spectra]
+            return [(time, self.messages.spectrum(time, one)) for time, one in zip(times, spectra, strict=True)]
 
         return [(TELEMETRY_TOPIC, SAMPLE, samples), (SPECTRUM_TOPIC, SPECTRUM, spectrum)]
 

@@ -164,8 +164,8 @@ def _build_map(client: AmbClient, _settings: Settings, report: Report) -> str:
     def on_progress(progress: MapProgress) -> None:
         report(f"sweeps: {progress.done} of {progress.total}")
 
-    found = client.build_map(progress=on_progress)
-    return f"region map of {len(found.amplitudes)} amplitudes"
+    region_map = client.build_map(progress=on_progress)
+    return f"region map of {len(region_map.amplitudes)} amplitudes"
 
 
 def _identify(client: AmbClient, settings: Settings, report: Report) -> str:

@@ -21,7 +21,7 @@ from amb_core.regions.state import AxisState, RegionState
 from amb_msgs.msg import BridgeState, ExcitationStatus
 from amb_ros import topics
 from amb_ros.diagnostics import TOPIC as DIAGNOSTICS
-from amb_sim_node.simulator import MODE_NAMES
+from amb_ros.simulator_modes import MODE_NAMES
 
 KEPT_LINES = 300  # of the log
 KEPT_TRIPS = 50

@@ -65,15 +65,15 @@ def named_controller(
     if not is_named_set(name):
         raise IdentificationError(f"controller = {name!r} is not allowed; allowed: {ALLOWED}")
     if name == PAPER:
-        found: KnownController = ControllerParameters()
+        controller: KnownController = ControllerParameters()
     elif name.startswith(PD):
-        found = _of_gains(name)
+        controller = _of_gains(name)
     elif name.lower().endswith(_CONTROLLER_FILES):
         limit = {} if current_limit is None else {"current_limit": current_limit}
-        found = LinearControl.load(name, part_of(LinearControllerParameters, limit))
+        controller = LinearControl.load(name, part_of(LinearControllerParameters, limit))
     else:
-        found = _linear_of(name, node) or load_parameters(ControllerParameters, name, node, part=True)
-    return found if sample_rate is None else found.at_rate(sample_rate)
+        controller = _linear_of(name, node) or load_parameters(ControllerParameters, name, node, part=True)
+    return controller if sample_rate is None else controller.at_rate(sample_rate)
 
 
 def _of_gains(name: str) -> ControllerParameters:

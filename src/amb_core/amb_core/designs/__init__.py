@@ -1,1 +1,1 @@
-"""Designs: excitations that a bearing bears in region A, and gains that levitate it."""
+"""Designs: excitations under which a bearing stays in region A, and gains that levitate it."""

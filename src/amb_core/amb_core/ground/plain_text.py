@@ -16,4 +16,4 @@ def plain_text(text: object) -> str:
 
     All that a file, a topic or another node names passes here once, where it reaches a terminal, a page or a log.
     """
-    return _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), str(text))
+    return _CONTROLS.sub(lambda control: control[0].encode("unicode_escape").decode(), str(text))

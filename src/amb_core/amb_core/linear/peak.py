@@ -77,14 +77,14 @@ def peak_gain(system: LinearSystem) -> Peak:
     if info != 0 or not gain[1]:
         raise RobustnessError(f"SLICOT finds no largest gain (AB13DD, info {info}, {gain})")
     frequency = float(at[0] / at[1]) / (2.0 * math.pi) * 2.0 * half if at[1] else half
-    found = _refined(system, min(max(frequency, 0.0), half), float(gain[0] / gain[1]))
+    top = _refined(system, min(max(frequency, 0.0), half), float(gain[0] / gain[1]))
     angles = np.abs(np.angle(system.poles())) / np.pi * half
     coarse = np.concatenate([[0.0], np.geomspace(_LOWEST * half, half, _COARSE), angles])
     gains = np.linalg.norm(system.response(coarse), 2, axis=(1, 2))
-    top = int(np.argmax(gains))
-    if gains[top] > found.value * (1.0 + _TOLERANCE):
-        found = max(found, _refined(system, float(coarse[top]), float(gains[top])), key=lambda peak: peak.value)
-    return found
+    highest = int(np.argmax(gains))
+    if gains[highest] > top.value * (1.0 + _TOLERANCE):
+        top = max(top, _refined(system, float(coarse[highest]), float(gains[highest])), key=lambda peak: peak.value)
+    return top
 
 
 def h_infinity_norm(system: LinearSystem) -> float:
@@ -103,8 +103,8 @@ def _refined(system: LinearSystem, frequency: float, value: float) -> Peak:
         if max(ends) <= system.gain(middle):
             break
         middle, width = (low, high)[int(np.argmax(ends))], 2.0 * width
-    found = minimize_scalar(
+    optimum = minimize_scalar(
         lambda at: -system.gain(at), bounds=(low, high), method="bounded", options={"xatol": 1e-7 * width}
     )
-    best = max((system.gain(at), at) for at in (frequency, float(found.x), low, high))
+    best = max((system.gain(at), at) for at in (frequency, float(optimum.x), low, high))
     return Peak(*best) if best[0] >= value * (1.0 - 1e-7) else Peak(value, frequency)

@@ -127,6 +127,21 @@ class Machine:
         """Names of the axes, in order."""
         return tuple(axis.name for axis in self.axes)
 
+    def columns_of(self, bearing: str) -> list[int]:
+        """The axes of a bearing, as columns of arrays of samples.
+
+        Parameters
+        ----------
+        bearing : str
+            Name of the bearing.
+
+        Returns
+        -------
+        list of int
+            Numbers of its axes, ascending; none for another name.
+        """
+        return [column for column, axis in enumerate(self.axes) if axis.bearing == bearing]
+
 
 def radial_bearings(record: LoopRecord) -> list[LoopRecord]:
     """The samples of each radial bearing, two axes each; those of a thrust bearing, or of one axis, are left out."""

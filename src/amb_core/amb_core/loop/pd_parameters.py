@@ -158,11 +158,11 @@ def with_present_names(values: Mapping[str, object]) -> dict[str, object]:
     dict of str to object
         The same values under today's names.
     """
-    found = dict(values)
-    former = [found.pop(f"nominal_reference_{axis}", None) for axis in "xy"]
+    renamed = dict(values)
+    former = [renamed.pop(f"nominal_reference_{axis}", None) for axis in "xy"]
     if any(former):
-        found["nominal_reference"] = [value or 0.0 for value in former]
-    return found
+        renamed["nominal_reference"] = [value or 0.0 for value in former]
+    return renamed
 
 
 def require_one_rate(controller_rate: float, sample_rate: float) -> None:

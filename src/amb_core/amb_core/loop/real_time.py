@@ -45,13 +45,13 @@ def processors_of(text: str) -> set[int]:
     ValueError
         If it is none.
     """
-    found: set[int] = set()
+    numbers: set[int] = set()
     for part in filter(None, text.replace(" ", "").split(",")):
         if not re.fullmatch(r"\d{1,4}(-\d{1,4})?", part):
             raise ValueError(f"processors = {text!r} is not allowed; allowed: numbers such as '2-3,5'")
         first, _, last = part.partition("-")
-        found |= set(range(int(first), int(last or first) + 1))
-    return found
+        numbers |= set(range(int(first), int(last or first) + 1))
+    return numbers
 
 
 def enter_real_time(parameters: RealTimeParameters) -> str:

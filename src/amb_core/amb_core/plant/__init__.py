@@ -16,8 +16,9 @@ from amb_core.plant.parameters import (
     RotorParameters,
     SensorParameters,
 )
-from amb_core.plant.plant import Plant, PlantSnapshot
+from amb_core.plant.plant import Plant
 from amb_core.plant.ross_rotor import modal_data_from_ross
+from amb_core.plant.snapshot import PlantSnapshot
 from amb_core.plant.trace import Trace
 from amb_core.plant.uniform_shaft import uniform_shaft
 

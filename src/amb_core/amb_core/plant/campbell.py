@@ -10,7 +10,7 @@ Systems", Springer 2005, ch. 3; API RP 684 (amplification factor).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from amb_core.ground.errors import PlantError
 from amb_core.ground.parameters import flatten, validate
+from amb_core.ground.progress import Progress
 from amb_core.linear.model.modes import Mode, Modes, modes_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant.linearise import linearize
@@ -110,8 +111,8 @@ class Campbell:
     @property
     def critical_speeds(self) -> tuple[CriticalSpeed, ...]:
         """Where branches of the loop cross the running speed, interpolated between the computed speeds; ascending."""
-        found = [critical for branch in self.branches for critical in _crossings(branch)]
-        return tuple(sorted(found, key=lambda critical: critical.speed))
+        crossings = [critical for branch in self.branches for critical in _crossings(branch)]
+        return tuple(sorted(crossings, key=lambda critical: critical.speed))
 
     def to_json(self) -> dict[str, Any]:
         """Critical speeds, and the modes of plant and loop at every speed."""
@@ -143,7 +144,7 @@ def campbell(
     parameters: PlantParameters,
     controller: ControllerParameters,
     speeds: Iterable[float],
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Campbell:
     """Compute the modes of a machine at several running speeds.
 
@@ -156,7 +157,7 @@ def campbell(
     speeds : iterable of float
         Running speeds (Hz), ascending.
     progress : callable, optional
-        Called with the number of finished speeds and that of all.
+        Called after each speed, see `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -175,7 +176,7 @@ def campbell(
         plants.append(modes_of(model.discrete))
         loops.append(modes_of(model.closed_loop))
         if progress is not None:
-            progress(number + 1, len(speed))
+            progress("modes", number + 1, len(speed))
     return Campbell(speed, tuple(plants), tuple(loops))
 
 
@@ -223,7 +224,7 @@ def _closest(ends: list[Mode], modes: tuple[Mode, ...]) -> list[tuple[int, int]]
 
 def _crossings(branch: Branch) -> list[CriticalSpeed]:
     above = branch.damped_hz - branch.speed
-    found = []
+    crossings = []
     for left in np.flatnonzero((above[:-1] > 0.0) != (above[1:] > 0.0)):
         share = above[left] / (above[left] - above[left + 1])
         near = branch.modes[left + round(float(share))]
@@ -231,5 +232,5 @@ def _crossings(branch: Branch) -> list[CriticalSpeed]:
             float(values[left] + share * (values[left + 1] - values[left]))
             for values in (branch.speed, np.array([mode.damping_ratio for mode in branch.modes]))
         )
-        found.append(CriticalSpeed(speed, near.kind, near.whirl, damping))
-    return found
+        crossings.append(CriticalSpeed(speed, near.kind, near.whirl, damping))
+    return crossings

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.linear import LinearSystem, rates_of
+from amb_core.linear import LinearSystem
 from amb_core.linear.connections import beside, feedback
 from amb_core.linear.peak import h_infinity_norm
 from amb_core.linear.sampling import discretised
@@ -69,12 +69,6 @@ class Linearization:
     discrete: LinearSystem
     closed_loop: LinearSystem
     sensitivity: LinearSystem
-
-    @cached_property
-    def closed_loop_rates(self) -> NDArray[np.complex128]:
-        """Poles of the closed loop as rates s = ln(z) / T (1/s), slowest first, shape (n,); z = 0 has the rate -inf."""
-        rates = rates_of(self.closed_loop.poles(), self.closed_loop.sample_time)
-        return rates[np.argsort(np.abs(rates), kind="stable")]
 
     @property
     def stable(self) -> bool:

@@ -189,6 +189,16 @@ class ModalData:
         for name in _ARRAYS:
             if not np.isfinite(getattr(self, name)).all():
                 raise PlantError(f"modal data: '{name}' holds values that are not finite")
+        self._check_modes()
+        rank = np.linalg.matrix_rank(self.bearings)
+        if rank < 4:
+            raise PlantError(
+                "modal data: the modes do not move the journals of A and B independently along x and y: 'bearings' has "
+                f"rank {rank}, needed: 4; are the four rigid body modes among the {n} modes?"
+            )
+
+    def _check_modes(self) -> None:
+        """Frequencies, damping ratios and gyroscopic forces."""
         if self.natural_frequencies.min() < 0.0:
             mode = int(self.natural_frequencies.argmin())
             raise PlantError(
@@ -206,12 +216,6 @@ class ModalData:
             raise PlantError(
                 "modal data: 'gyroscopic' is not skew: it plus its transpose, which must be 0, reaches "
                 f"{symmetric:.3g}; its largest element is {np.abs(self.gyroscopic).max():.3g}"
-            )
-        rank = np.linalg.matrix_rank(self.bearings)
-        if rank < 4:
-            raise PlantError(
-                "modal data: the modes do not move the journals of A and B independently along x and y: 'bearings' has "
-                f"rank {rank}, needed: 4; are the four rigid body modes among the {n} modes?"
             )
 
 

@@ -135,26 +135,19 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
 
     per_length = 1.0 / (circuit.relative_permeability * mu_0)
     laminations = circuit.iron_conductivity * circuit.lamination_thickness**2 / 12.0
-    stator = on_poles(poles) + on_poles(back_iron)
-    journal_reluctance = per_length * on_poles(journal)
+    stator, rotor = on_poles(poles) + on_poles(back_iron), on_poles(journal)
+    journal_reluctance = per_length * rotor
     reluctance = np.zeros((POLES, POLES)) if iron.saturation else per_length * stator
-    diffusing = []
-    if iron.laminations == "diffusion":
-        laminated = per_length * stator if iron.solid_journal else per_length * (stator + on_poles(journal))
-        diffusing.append(DiffusingIron(laminated, lamination_terms(parameters)))
-    if iron.solid_journal:
-        diffusing.append(DiffusingIron(journal_reluctance, solid_journal_terms(parameters)))
+    diffusing = _diffusing_iron(parameters, per_length, stator, rotor)
     if iron.laminations == "diffusion":
         eddy = sum((part.terms.rest * part.reluctance for part in diffusing), np.zeros((POLES, POLES)))
     elif iron.solid_journal:
-        eddy = laminations * stator + solid_journal_terms(parameters).rest * journal_reluctance
+        eddy = laminations * stator + diffusing[0].terms.rest * journal_reluctance
     else:
-        eddy = laminations * (stator + on_poles(journal))
+        eddy = laminations * (stator + rotor)
     if iron.solid_journal or not iron.saturation:
         reluctance += journal_reluctance
-    winding = np.zeros((POLES, COILS))
-    for coil, pair in enumerate(COIL_POLES):
-        winding[list(pair), coil] = circuit.turns_per_pole * POLARITY[list(pair)]
+    winding = _winding(circuit.turns_per_pole)
     constraints, active = flux_constraints(circuit.coupling), active_coils(circuit)
     share = 1.0 if iron.eddy_currents else _LEFT_WITHOUT_EDDY_CURRENTS
     averaged = _solve(share * eddy, winding, constraints, circuit.coil_resistance, active)
@@ -162,10 +155,7 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
     solution = averaged if iron.eddy_currents else _solve_static(winding, constraints, circuit.coil_resistance, active)
     step_solution = solution
     if iron.laminations == "diffusion":
-        step = parameters.integration.internal_step
-        by_rate = 0.5 * step * circuit.air_gap / (mu_0 * area) * np.eye(POLES)
-        for part in diffusing:
-            by_rate += (0.5 * step + part.terms.mean(step)[1]) * part.reluctance
+        by_rate = _reluctance_of_a_step(parameters, area, diffusing)
         step_solution = _solve(by_rate, winding, constraints, circuit.coil_resistance, active)
     return MagneticNetwork(
         gap_reluctance=1.0 / (mu_0 * area),
@@ -179,9 +169,41 @@ def build_network(parameters: PlantParameters) -> MagneticNetwork:
         circulation=1.0 / rings if circuit.coupling else np.zeros(2),
         to_segments=to_segments,
         journal_reluctance=journal_reluctance,
-        diffusing=tuple(diffusing),
+        diffusing=diffusing,
         paths=(poles, back_iron, journal),
     )
+
+
+def _diffusing_iron(
+    parameters: PlantParameters, per_length: float, stator: NDArray[np.float64], rotor: NDArray[np.float64]
+) -> tuple[DiffusingIron, ...]:
+    """Parts of the iron into which flux diffuses: the laminations first, then a solid journal."""
+    iron, parts = parameters.iron, []
+    if iron.laminations == "diffusion":
+        laminated = stator if iron.solid_journal else stator + rotor
+        parts.append(DiffusingIron(per_length * laminated, lamination_terms(parameters)))
+    if iron.solid_journal:
+        parts.append(DiffusingIron(per_length * rotor, solid_journal_terms(parameters)))
+    return tuple(parts)
+
+
+def _winding(turns_per_pole: int) -> NDArray[np.float64]:
+    """Turns of each coil on each pole, with their polarity."""
+    winding = np.zeros((POLES, COILS))
+    for coil, pair in enumerate(COIL_POLES):
+        winding[list(pair), coil] = turns_per_pole * POLARITY[list(pair)]
+    return winding
+
+
+def _reluctance_of_a_step(
+    parameters: PlantParameters, area: float, diffusing: tuple[DiffusingIron, ...]
+) -> NDArray[np.float64]:
+    """What flux rates meet within an internal step, times its length: centred gaps, and diffusion as far as it gets."""
+    step = parameters.integration.internal_step
+    by_rate = 0.5 * step * parameters.magnetic_circuit.air_gap / (mu_0 * area) * np.eye(POLES)
+    for part in diffusing:
+        by_rate += (0.5 * step + part.terms.mean(step)[1]) * part.reluctance
+    return by_rate
 
 
 def active_coils(circuit: MagneticCircuitParameters) -> tuple[int, ...]:

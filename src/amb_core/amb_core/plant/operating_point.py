@@ -184,6 +184,6 @@ def _solve(
     """Root of as many functions as variables, NaN if none is found."""
     from scipy.optimize import root  # takes a third of a second to import
 
-    found = root(residual, start, tol=1e-12)
+    solution = root(residual, start, tol=1e-12)
     # The residual decides: at a root of zero the solver's own relative criterion of success cannot be met.
-    return found.x if np.abs(found.fun).max() < _TOLERANCE else np.full(len(start), np.nan)
+    return solution.x if np.abs(solution.fun).max() < _TOLERANCE else np.full(len(start), np.nan)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import PlantError
-from amb_core.plant.axial import Axial, AxialSnapshot, unpack_axial
+from amb_core.plant.axial import Axial, unpack_axial
+from amb_core.plant.internal_step import require_short_step
 from amb_core.plant.iron import initial_iron
 from amb_core.plant.kernel import records
 from amb_core.plant.kernel.advance import advance
@@ -24,36 +25,8 @@ from amb_core.plant.packing import pack
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.rotor import rotor_mass, rotor_model
 from amb_core.plant.sensing import Sensing, quantise
+from amb_core.plant.snapshot import PlantSnapshot
 from amb_core.plant.trace import Trace, row_size, unpack
-
-
-@dataclass(frozen=True)
-class PlantSnapshot:
-    """Internal state of the plant at the end of a sample; the first index of all arrays is the bearing, A then B.
-
-    Attributes
-    ----------
-    coil_current : ndarray, shape (bearings, 4)
-        Coil currents of electromagnets +x, +y, -x, -y (A).
-    flux_density : ndarray, shape (bearings, 8)
-        In the air gaps of the poles, positive from stator to journal (T).
-    force, contact_force : ndarray, shape (bearings, 2)
-        Magnetic force, and force of the backup bearing, on the journal (N).
-    position : ndarray, shape (bearings, 2)
-        Of the journal (m).
-    contact : ndarray of bool, shape (bearings,)
-        Whether the backup bearing pushed the journal or the journal has reached it.
-    axial : AxialSnapshot or None
-        The same of the thrust bearing. None without one.
-    """
-
-    coil_current: NDArray[np.float64]
-    flux_density: NDArray[np.float64]
-    force: NDArray[np.float64]
-    contact_force: NDArray[np.float64]
-    position: NDArray[np.float64]
-    contact: NDArray[np.bool_]
-    axial: AxialSnapshot | None = None
 
 
 class Plant:
@@ -106,8 +79,7 @@ class Plant:
         self.rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
         self.bearings = 1 if self.rotor is None else 2
         self.axial = Axial(parameters, rotor_mass(parameters, self.rotor)) if parameters.rotor.axial else None
-        self._check_internal_step()
-        self._check_modes()
+        require_short_step(parameters, self.magnetostatics, self.rotor)
         self._arrays = pack(parameters, self.network, self.magnetostatics, self.rotor)
         self._steps = parameters.steps_per_sample
         self._current_resolution = parameters.converters.current_resolution
@@ -382,43 +354,6 @@ class Plant:
             status = axial.advance(now[-1], self._steps - late, rows[late:] if len(rows) else rows)
         axial.measure()
         return status
-
-    def _check_internal_step(self) -> None:
-        """The integrator is stable up to one step per fastest eddy-current time constant; half of that is allowed."""
-        fastest = 1.0 / self.magnetostatics.shortest_time_constant()
-        step = self.parameters.integration.internal_step
-        if self.parameters.iron.laminations == "diffusion":
-            self._check_means(step * self.magnetostatics.fastest_mean_rate())
-            return
-        if step * fastest > 0.5:
-            raise PlantError(
-                f"integration.internal_step = {step:g} s is too long for the eddy currents, whose shortest time "
-                f"constant is {1.0 / fastest:.3g} s; allowed: at most {0.5 / fastest:.3g} s"
-            )
-
-    def _check_means(self, change: float) -> None:
-        """Fluxes that no coil links change by this share of their deviation in a step: beyond 1.9 they oscillate."""
-        if change > 1.9:
-            circuit = self.parameters.magnetic_circuit
-            raise PlantError(
-                f"integration.internal_step = {self.parameters.integration.internal_step:g} s is too long for the "
-                f"diffusion of flux into laminations of {circuit.lamination_thickness:g} m and "
-                f"{circuit.iron_conductivity:g} S/m, which hardly delays it; allowed: a shorter step, or "
-                "iron.eddy_currents: false with iron.laminations: thin"
-            )
-
-    def _check_modes(self) -> None:
-        """Explicit steps of undamped modes grow by (omega h)^4 / 4; for omega h below 0.2 that is less than 0.05 %."""
-        if self.rotor is None:
-            return
-        step = self.parameters.integration.internal_step
-        fastest = 2.0 * np.pi * float(self.rotor.natural_frequencies().max())
-        if step * fastest > 0.2:
-            raise PlantError(
-                f"integration.internal_step = {step:g} s is too long for the rotor's fastest mode, "
-                f"{fastest / (2.0 * np.pi):.3g} Hz; allowed: at most {0.2 / fastest:.3g} s, or modes up to "
-                f"{0.1 / (np.pi * step):.3g} Hz"
-            )
 
     def _stop(self, status: int) -> None:
         bearings = self._arrays.bearings

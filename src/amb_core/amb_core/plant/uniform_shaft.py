@@ -69,17 +69,8 @@ def uniform_shaft(
         If a dimension is not positive, a position is not on the shaft, or the number of modes is out of its range.
     """
     sensors = bearings if sensors is None else sensors
-    for name, value in {
-        "length": length, "diameter": diameter, "density": density, "elastic_modulus": elastic_modulus
-    }.items():  # fmt: skip
-        if not (np.isfinite(value) and value > 0.0):
-            raise PlantError(f"uniform shaft: {name} = {value:g}; it must be positive and finite")
-    for name, places in {"bearings": bearings, "sensors": sensors}.items():
-        if len(places) != 2 or not -0.5 * length <= places[0] < places[1] <= 0.5 * length:
-            raise PlantError(
-                f"uniform shaft: {name} = {list(places)} m; needed: two positions, A below B, within "
-                f"{0.5 * length:g} m of the middle"
-            )
+    _check_positive(length=length, diameter=diameter, density=density, elastic_modulus=elastic_modulus)
+    _check_places(length, bearings=bearings, sensors=sensors)
     if not 0 <= bending_modes <= MOST_BENDING_MODES:
         raise PlantError(f"uniform shaft: bending_modes = {bending_modes}; allowed: 0 to {MOST_BENDING_MODES}")
 
@@ -110,6 +101,21 @@ def uniform_shaft(
         gyroscopic=np.kron(0.5 * (gyroscopic + gyroscopic.T), _TURN),
         description=f"uniform shaft, {length:g} m long, {diameter:g} m in diameter, {mass:g} kg",
     )
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise PlantError(f"uniform shaft: {name} = {value:g}; it must be positive and finite")
+
+
+def _check_places(length: float, **places_of: Sequence[float]) -> None:
+    for name, places in places_of.items():
+        if len(places) != 2 or not -0.5 * length <= places[0] < places[1] <= 0.5 * length:
+            raise PlantError(
+                f"uniform shaft: {name} = {list(places)} m; needed: two positions, A below B, within "
+                f"{0.5 * length:g} m of the middle"
+            )
 
 
 def _wave_number(mode: int) -> float:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from amb_core.recording.overview import BagOverview, read_overview
+    from amb_core.recording.recorded_runs import RecordedRuns
     from amb_core.recording.recording import Recording
     from amb_core.recording.recovery import BagState, inspect_bag, recover_bag
     from amb_core.recording.step_audit import StepAudit, audit_steps
@@ -18,6 +19,7 @@ __all__ = [
     "BagOverview",
     "BagState",
     "BagWriter",
+    "RecordedRuns",
     "Recording",
     "StepAudit",
     "TopicInfo",
@@ -31,6 +33,7 @@ _MODULES = {
     "BagOverview": "overview",
     "BagState": "recovery",
     "BagWriter": "writer",
+    "RecordedRuns": "recorded_runs",
     "Recording": "recording",
     "StepAudit": "step_audit",
     "TopicInfo": "topic_info",

@@ -82,15 +82,15 @@ class BagContent:
     def __init__(self, path: Path, stretch: tuple[int | None, int, int] | None = None) -> None:
         self.path = path
         self._reader = BagApart(path)
-        found = None
+        survey = None
         if stretch is not None:
-            found = self._reader.call("survey", OF_STRETCH, [LOOP_SAMPLES, *stretch])
-        if found is None:
-            found = self._reader.call("survey", KEPT)
-        self.topics = [TopicInfo(*topic) for topic in found["counts"]]
-        self.start = found["start"]
-        self.duration = found["duration"]
-        self.truncated = found["damage"]
+            survey = self._reader.call("survey", OF_STRETCH, [LOOP_SAMPLES, *stretch])
+        if survey is None:
+            survey = self._reader.call("survey", KEPT)
+        self.topics = [TopicInfo(*topic) for topic in survey["counts"]]
+        self.start = survey["start"]
+        self.duration = survey["duration"]
+        self.truncated = survey["damage"]
         if self.truncated and not self.topics:
             raise BagError(f"bag {path}: no message can be read: {self.truncated}")
 

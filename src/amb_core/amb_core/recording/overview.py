@@ -88,14 +88,14 @@ def _add_index(file: Path, counts: Counter[tuple[str, str]], times: list[int]) -
     """Add what the index of a file says about its messages; False if it has none."""
     with contextlib.suppress(*UNREADABLE, OSError), open_regular(file) as stream:
         summary = SeekingReader(stream, record_size_limit=LARGEST).get_summary()
-        found = summary.statistics if summary else None
-        if not summary or not found or sum(found.channel_message_counts.values()) != found.message_count:
+        statistics = summary.statistics if summary else None
+        if not summary or not statistics or sum(statistics.channel_message_counts.values()) != statistics.message_count:
             return False
-        for number, count in found.channel_message_counts.items():
+        for number, count in statistics.channel_message_counts.items():
             channel = summary.channels[number]
             counts[channel.topic, summary.schemas[channel.schema_id].name] += count
-        if found.message_count:
-            times += (found.message_start_time, found.message_end_time)
+        if statistics.message_count:
+            times += (statistics.message_start_time, statistics.message_end_time)
         return True
     return False
 

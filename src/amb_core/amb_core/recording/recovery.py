@@ -9,12 +9,13 @@ from __future__ import annotations
 import shutil
 import stat
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from amb_core.ground.errors import BagError
 from amb_core.ground.files.regular_files import is_folder
+from amb_core.ground.progress import Progress, unseen
 from amb_core.recording.bag_metadata import METADATA, write_metadata
 from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.mcap_file import FileContent, McapFile, StoredTopic
@@ -24,8 +25,6 @@ from amb_core.recording.step_audit import StepAudit
 from amb_core.recording.storage import description_of, files_by_number, listed_files, mode_of
 from amb_core.recording.topic_info import TopicInfo
 
-Progress = Callable[[int, int], None]
-"""Called with the bytes read so far and in all."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 REPORTED = 1 << 20  # bytes between two calls
 
@@ -71,7 +70,7 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
     path : str or Path
         A folder or an `.mcap` file.
     progress : callable, optional
-        Called now and then with the bytes read so far and in all. None for no calls.
+        Called with the bytes read so far and in all, see `amb_core.ground.progress.Progress`. None for no calls.
 
     Returns
     -------
@@ -85,7 +84,7 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
     """
     path = Path(path)
     files, damage = _files_of(path)
-    report = _Reporter(files, progress)
+    report = _Reporter("reading", files, progress)
     topics: dict[tuple[str, str], StoredTopic] = {}
     counts: Counter[tuple[str, str]] = Counter()
     for file in list(files):
@@ -102,9 +101,9 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
         damage += scan.damage
         report.finished(scan)
     damage += _contradictions(path, counts.total())
-    found = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
-    runs = _audited(files) if any(topic.type == LOOP_SAMPLES for topic in found) else {}
-    return BagState(path, files, list(topics.values()), found, runs, damage)
+    described = [TopicInfo(name, kind, counts[name, kind]) for name, kind in sorted(topics)]
+    runs = _audited(files) if any(topic.type == LOOP_SAMPLES for topic in described) else {}
+    return BagState(path, files, list(topics.values()), described, runs, damage)
 
 
 def recover_bag(state: BagState, out: str | Path, progress: Progress | None = None) -> Path:
@@ -117,7 +116,7 @@ def recover_bag(state: BagState, out: str | Path, progress: Progress | None = No
     out : str or Path
         Folder of the new bag; must not exist. It is removed again if the copy does not come to its end.
     progress : callable, optional
-        Called now and then with the bytes read so far and in all. None for no calls.
+        Called with the bytes read so far and in all, see `amb_core.ground.progress.Progress`. None for no calls.
 
     Returns
     -------
@@ -139,7 +138,7 @@ def recover_bag(state: BagState, out: str | Path, progress: Progress | None = No
     except OSError as problem:
         raise BagError(f"bag {folder}: cannot be made: {problem.strerror}") from None
     try:
-        report = _Reporter(state.files, progress)
+        report = _Reporter("copying", state.files, progress)
         contents = [_copy(file, folder, number, state.described, report) for number, file in enumerate(state.files)]
         write_metadata(folder, state.described, contents, ros_distro="")
     except BaseException as problem:
@@ -214,17 +213,18 @@ def _audited(files: Sequence[Path]) -> dict[tuple[str, int], StepAudit]:
 class _Reporter:
     """Reports how far the files were read."""
 
-    def __init__(self, files: Sequence[Path], progress: Progress | None) -> None:
+    def __init__(self, stage: str, files: Sequence[Path], progress: Progress | None) -> None:
+        self._stage = stage
         self._total = sum(file.stat().st_size for file in files)
-        self._progress = progress or (lambda done, total: None)
+        self._progress = progress or unseen
         self._before = 0
         self._next = REPORTED
 
     def __call__(self, scan: McapScan) -> None:
         if self._before + scan.position >= self._next:
             self._next = self._before + scan.position + REPORTED
-            self._progress(self._before + scan.position, self._total)
+            self._progress(self._stage, self._before + scan.position, self._total)
 
     def finished(self, scan: McapScan) -> None:
         self._before += scan.size
-        self._progress(self._before, self._total)
+        self._progress(self._stage, self._before, self._total)

@@ -255,8 +255,8 @@ class SqliteStorage:
             columns = {row[1] for row in database.execute("PRAGMA table_info(message_definitions)")}
             if columns:
                 _check_table(database, file, "message_definitions")
-                found = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-                for kind, encoding, text in database.execute(found):
+                definitions = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+                for kind, encoding, text in database.execute(definitions):
                     self.definitions[str(kind)] = Definition(str(encoding), str(text))
             for name in ("topics", "messages"):
                 _check_table(database, file, name)
@@ -321,8 +321,8 @@ def _connected(file: Path, content: bytes | None) -> sqlite3.Connection:
 
 def _check_table(database: sqlite3.Connection, file: Path, name: str) -> None:
     """Refuse a view, a virtual table or a generated column in the place of a table: it computes its rows."""
-    found = database.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (name,)).fetchone()
-    if found is None or not re.match(r"\s*CREATE\s+TABLE\b", str(found[0]), re.IGNORECASE):
+    statement = database.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (name,)).fetchone()
+    if statement is None or not re.match(r"\s*CREATE\s+TABLE\b", str(statement[0]), re.IGNORECASE):
         raise BagError(f"bag {file}: cannot be read: it has no table {name}, or is incomplete")
     if any(hidden for *_, hidden in database.execute(f"PRAGMA table_xinfo({name})")):
         raise BagError(f"bag {file}: cannot be read: columns of its table {name} are computed, not stored")
@@ -342,7 +342,7 @@ def files_by_number(files: Iterator[Path]) -> list[Path]:
     """Files of a split bag, name_0, name_1 ... name_10, in that order."""
 
     def number(file: Path) -> tuple[int, str]:
-        found = re.search(r"_(\d+)$", file.stem)
-        return (int(found[1]) if found else -1, file.name)
+        ending = re.search(r"_(\d+)$", file.stem)
+        return (int(ending[1]) if ending else -1, file.name)
 
     return sorted(files, key=number)

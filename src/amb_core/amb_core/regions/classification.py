@@ -85,9 +85,9 @@ def classify(
                 onsets[region] = replace(onset, input_frequency=float(frequency[row]))
     rotor: dict[Region, Onset] = {}
     for region in (Region.B, Region.C, Region.D):
-        found = [onsets[region] for onsets in axes.values() if region in onsets]
-        if found:
-            rotor[region] = min(found, key=lambda onset: onset.step)
+        first_of_axes = [onsets[region] for onsets in axes.values() if region in onsets]
+        if first_of_axes:
+            rotor[region] = min(first_of_axes, key=lambda onset: onset.step)
     return Classification(states, _in_order(rotor), axes)
 
 

@@ -117,7 +117,7 @@ def layout_of(machine: Machine) -> Layout:
     """
     bearings = []
     for bearing in machine.bearings:
-        axes = tuple(axis.name for axis in machine.axes if axis.bearing == bearing.name)
+        axes = tuple(machine.axis_names[column] for column in machine.columns_of(bearing.name))
         if axes:
             bearings.append(
                 MonitoredBearing(bearing.name, axes, bearing.clearance if bearing.clearance > 0 else math.inf)

@@ -67,11 +67,6 @@ def bias_limit(
     return _positive("bias_current", bias_current) / command_gain(frequency, controller, sampled=sampled)
 
 
-def current_slew_rate(voltage: float, inductance: float) -> float:
-    """Fastest change of a coil current, V / L (A/s), at the largest mean voltage V (V) and the inductance L (H)."""
-    return float(_positive("voltage", voltage) / _positive("inductance", inductance))
-
-
 def slew_limit(
     frequency: ArrayLike, controller: ControllerParameters, slew_rate: float, *, sampled: bool = True
 ) -> NDArray[np.float64]:
@@ -84,29 +79,12 @@ def slew_limit(
     controller : ControllerParameters
         The control law.
     slew_rate : float
-        From `current_slew_rate` (A/s).
+        Voltage over inductance (A/s).
     sampled : bool, optional
         See `command_gain`.
     """
     angular = 2.0 * np.pi * np.asarray(frequency, dtype=np.float64)
     return _positive("slew_rate", slew_rate) / (angular * command_gain(frequency, controller, sampled=sampled))
-
-
-def dithered_saturation(limit: ArrayLike, dither: ArrayLike, offset: float = 0.0) -> NDArray[np.float64]:
-    """Remaining gain of a saturation of slope 1 for a small slow signal under a fast sine (dither).
-
-    It is the share of time that the sine spends between the limits: (2/pi) asin(limit / dither) without offset.
-
-    Parameters
-    ----------
-    limit, dither : array_like
-        Magnitude at which the signal saturates, and amplitude of the sine, in the same unit.
-    offset : float, optional
-        Constant part of the signal (a static load, say), in that unit.
-    """
-    limit, dither = _positive("limit", limit), _positive("dither", dither)
-    upper, lower = (np.clip((limit + sign * offset) / dither, -1.0, 1.0) for sign in (-1.0, 1.0))
-    return np.maximum((np.arcsin(upper) + np.arcsin(lower)) / np.pi, 0.0)
 
 
 def gain_loss_limit(
@@ -149,63 +127,6 @@ def gain_loss_limit(
         )
     dither = float(_positive("limit", limit)) / math.sin(0.5 * math.pi * share)
     return dither / command_gain(frequency, controller, sampled=sampled)
-
-
-def slow_oscillation_lag(controller: ControllerParameters, current_gain: float, negative_stiffness: float) -> float:
-    """Lag of the current loop above which the loop oscillates slowly, k_i K_D / (k_i K_P - k_s) (s).
-
-    Routh's condition of m tau s^3 + m s^2 + k_i K_D s + k_i K_P - k_s: the lag tau is taken to delay the whole
-    restoring force. The negative stiffness acts without lag, which makes the limit stricter, see `undamped_lag`.
-
-    Parameters
-    ----------
-    controller : ControllerParameters
-        The control law.
-    current_gain, negative_stiffness : float
-        k_i (N/A) and k_s (N/m, positive).
-
-    Raises
-    ------
-    RegionError
-        If k_i K_P <= k_s: the loop is not stable even without lag.
-    """
-    stiffness = _stiffness(current_gain, controller) - float(_positive("negative_stiffness", negative_stiffness))
-    if stiffness <= 0.0:
-        raise RegionError(f"k_i K_P - k_s = {stiffness:g} N/m must be positive, or the rotor does not levitate at all")
-    return current_gain * controller.derivative_gain / stiffness
-
-
-def undamped_lag(controller: ControllerParameters) -> float:
-    """Lag of the current alone at which the loop loses its damping, K_D / K_P (s).
-
-    Routh's condition of (m s^2 - k_s)(tau s + 1) + k_i (K_P + K_D s): at tau = K_D / K_P the lag cancels the
-    derivative, and the loop oscillates at sqrt((k_i K_P - k_s) / m), its natural frequency without lag.
-    """
-    return controller.derivative_gain / float(_positive("proportional_gain", controller.proportional_gain))
-
-
-def effective_negative_stiffness(
-    negative_stiffness: float, current_amplitude: ArrayLike, bias_current: float
-) -> NDArray[np.float64]:
-    """Negative stiffness under a fast control current, k_s (1 + I^2 / (2 i_0^2)) (N/m).
-
-    The stiffness grows with the mean square of the coil currents, i_0^2 + I^2 / 2.
-
-    Parameters
-    ----------
-    negative_stiffness : float
-        k_s without it (N/m, positive).
-    current_amplitude : array_like
-        Amplitude I of the coil current at high frequency (A), zero or positive.
-    bias_current : float
-        Bias current i_0 (A).
-    """
-    ratio = np.asarray(current_amplitude, dtype=np.float64) / _positive("bias_current", bias_current)
-    if np.any(ratio < 0.0):
-        raise RegionError(
-            f"current_amplitude = {np.min(current_amplitude):g} A is not allowed; it must be zero or more"
-        )
-    return _positive("negative_stiffness", negative_stiffness) * (1.0 + 0.5 * ratio**2)
 
 
 def _stiffness(current_gain: float, controller: ControllerParameters) -> float:

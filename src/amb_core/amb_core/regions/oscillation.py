@@ -92,10 +92,10 @@ class SlowOscillation:
     @property
     def since(self) -> int | None:
         """Step at which the oscillation set in; None without one."""
-        found = [
+        steps = [
             line.since for line in (self._short, *(window.evidence for window in self._long.windows)) if line.active
         ]
-        return min((step for step in found if step is not None), default=None)
+        return min((step for step in steps if step is not None), default=None)
 
     def update(self, unexplained: NDArray[np.float64], residual: NDArray[np.float64], step: int) -> None:
         """Evaluate the windows.
@@ -122,7 +122,7 @@ class SlowOscillation:
         its own way. Such a window counts neither for nor against an oscillation: a real one outlasts the beat.
         """
         parameters = self._parameters
-        doubtful = found = False
+        doubtful = oscillates = False
         highest = self._highest_bin()
         if highest > LOWEST_BIN:
             amplitude, line, share, power = slow_line(residual, LOWEST_BIN, highest, self._table)
@@ -137,12 +137,12 @@ class SlowOscillation:
                 self.sampling_beat = explained >= parameters.beat_share
                 doubtful = explained >= 0.5 * parameters.beat_share
                 residual = cleaned
-            found = not doubtful and self._is_oscillation(amplitude, share, highest)
-            found = found and not self._repeats_with_input(line)
+            oscillates = not doubtful and self._is_oscillation(amplitude, share, highest)
+            oscillates = oscillates and not self._repeats_with_input(line)
             self.amplitude, self.frequency = amplitude, line / self._window_time
         if doubtful:
             return
-        if not found:
+        if not oscillates:
             self._short.miss()
             return
         age = len(residual) - variance_change(residual) if self._short.since is None else 0

@@ -206,12 +206,12 @@ class SteadyLines:
         if not len(self):
             return
         window = self._samples / self._rate
-        found = fitted[0::2] - 1j * fitted[1::2]
+        phasors = fitted[0::2] - 1j * fitted[1::2]
         apart = np.abs(self.frequency - input_frequency) * window >= NEAR
-        moved = self.amplitude + AMPLITUDE_GAIN * (found - self.amplitude)
+        moved = self.amplitude + AMPLITUDE_GAIN * (phasors - self.amplitude)
         resolved = apart & (self.frequency * window >= 2.0) & (np.abs(self.amplitude) > 0.0)
         if steady_input:
-            turned = np.angle(found * np.conj(self.amplitude))
+            turned = np.angle(phasors * np.conj(self.amplitude))
             error = np.where(resolved, turned, 0.0)
             self.frequency = self.frequency + FREQUENCY_GAIN * error * self._rate / (2.0 * np.pi * self._advance)
         self.amplitude = np.where(apart, moved, self.amplitude)

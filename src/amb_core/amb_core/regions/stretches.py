@@ -26,26 +26,26 @@ def stretches(states: Sequence[RegionState]) -> list[Stretch]:
     time before B and C are first classified counts as A if it turns out to be A. It is left out if they are never
     classified.
     """
-    found: list[Stretch] = []
+    joined: list[Stretch] = []
     for state in states:
         if state.region is Region.A and not state.settled:
             continue
         first, stop = state.since.step, state.step + 1
-        while found and found[-1].region != state.region and found[-1].first_step >= first:
-            found.pop()  # remove all of it: the new region began even earlier
-        if found and found[-1].region == state.region and found[-1].stop >= first:
-            found[-1] = Stretch(state.region, found[-1].first_step, stop)
+        while joined and joined[-1].region != state.region and joined[-1].first_step >= first:
+            joined.pop()  # remove all of it: the new region began even earlier
+        if joined and joined[-1].region == state.region and joined[-1].stop >= first:
+            joined[-1] = Stretch(state.region, joined[-1].first_step, stop)
             continue
-        if found:
-            found[-1] = Stretch(found[-1].region, found[-1].first_step, min(first, found[-1].stop))
-        found.append(Stretch(state.region, first, stop))
-    return found
+        if joined:
+            joined[-1] = Stretch(joined[-1].region, joined[-1].first_step, min(first, joined[-1].stop))
+        joined.append(Stretch(state.region, first, stop))
+    return joined
 
 
-def shares(found: Sequence[Stretch]) -> dict[Region, float]:
+def shares(parts: Sequence[Stretch]) -> dict[Region, float]:
     """Share of the time in each region, from 0 to 1; all zero if nothing was classified."""
     steps = dict.fromkeys(Region, 0)
-    for stretch in found:
+    for stretch in parts:
         steps[stretch.region] += stretch.stop - stretch.first_step
     total = max(sum(steps.values()), 1)
     return {region: count / total for region, count in steps.items()}

@@ -185,7 +185,7 @@ class ExcitationProtection:
         """A rotor that follows exactly must stay below the alarm; if it overshoots, there is room up to the trip."""
         share = self._limits.alarm_share
         for bearing in self._machine.bearings:
-            columns = [index for index, axis in enumerate(self._machine.axes) if axis.bearing == bearing.name]
+            columns = self._machine.columns_of(bearing.name)
             farthest = float(np.sqrt((positions[:, columns] ** 2).sum(axis=1)).max())
             if not farthest <= share * bearing.clearance:  # nor where a position is not known
                 raise ExcitationError(

@@ -180,7 +180,9 @@ def rotor_speed(run: SweptBearing) -> RotorSpeed | None:
     if not run.onsets:
         return None
     end = min(onset.step for onset in run.onsets.values())
-    linear = [state for state in run.found.states if state.step <= end and state.axis("y").input_amplitude > 0.0]
+    linear = [
+        state for state in run.classification.states if state.step <= end and state.axis("y").input_amplitude > 0.0
+    ]
     frequency = np.array([state.axis("y").input_frequency for state in linear])
     speed = 2.0 * np.pi * frequency * np.array([state.axis("y").response_amplitude for state in linear])
     fastest = int(np.argmax(speed))

@@ -48,14 +48,14 @@ class ConcurrentSweep(Study):
         assert signal.frequency is not None
         frequency = signal.frequency[: measured.steps]
         known = np.concatenate([np.full(SETTLING, np.nan), frequency])
-        found = classify(without.record, delevitated=without.delevitated, frequency=known)
+        classification = classify(without.record, delevitated=without.delevitated, frequency=known)
         errors = sweep_error(measured, simulated, frequency)
         title = "Sweep on both axes: plant and model from square waves"
-        chart = sweep_chart(without.record, found, known, over="frequency", model=simulated, title=title)
+        chart = sweep_chart(without.record, classification, known, over="frequency", model=simulated, title=title)
         return StudyResult(
             [DrawnFigure.of("fig15", chart), DrawnFigure.of("fig15-error", sweep_error_chart(errors))],
             [
-                *claims(errors, found, float(frequency[-1]), without.delevitated),
+                *claims(errors, classification, float(frequency[-1]), without.delevitated),
                 equality_claim("concurrent-sweep", "Fig. 15", without, through),
             ],
             {
@@ -83,14 +83,11 @@ class ConcurrentSweep(Study):
         return EXPERIMENT.is_kept(folder / "bags")
 
 
-def claims(errors: SweepError, found: Classification, last: float, delevitated: bool) -> list[Claim]:
+def claims(errors: SweepError, classification: Classification, last: float, delevitated: bool) -> list[Claim]:
     """Evaluation of the paper's statements on Fig. 15; the plant's response ends at the frequency `last` (Hz)."""
-    onsets = "; ".join(f"{region.name} from {onset_text(onset)}" for region, onset in found.onsets.items())
     good_at_first = [bool(good) for good in errors.relative[0] < GOOD]
     departs = [bool(useless) for useless in errors.relative[-1] > USELESS]
     follows = [_until(errors, axis, GOOD) for axis in range(2)]
-    oscillates = Region.C in found.onsets
-    ends = f"The rotor delevitates at {last:.0f} Hz. " if delevitated else ""
     return [
         Claim(
             id="sweep-low-frequency",
@@ -114,19 +111,26 @@ def claims(errors: SweepError, found: Classification, last: float, delevitated: 
             reason="" if all(departs) else f"The error stays below {100 * USELESS:g} % on at least one axis.",
             figure="fig15-error",
         ),
-        Claim(
-            id="sweep-regions",
-            paper_figure="Fig. 15",
-            statement="In this sweep the bearing reaches regions B and C up to 400 Hz, which the model cannot show.",
-            finding=onsets or "region A throughout",
-            verdict="agrees" if oscillates else "agrees in part" if found.onsets else "does not agree",
-            reason=""
-            if oscillates
-            else f"{ends}No slow oscillation occurs before. Where the bearing falls depends on the limit of the "
-            "control current, which the paper does not state, nor the data of its iron.",
-            figure="fig15",
-        ),
+        _regions_claim(classification, last, delevitated),
     ]
+
+
+def _regions_claim(classification: Classification, last: float, delevitated: bool) -> Claim:
+    onsets = "; ".join(f"{region.name} from {onset_text(onset)}" for region, onset in classification.onsets.items())
+    oscillates = Region.C in classification.onsets
+    ends = f"The rotor delevitates at {last:.0f} Hz. " if delevitated else ""
+    return Claim(
+        id="sweep-regions",
+        paper_figure="Fig. 15",
+        statement="In this sweep the bearing reaches regions B and C up to 400 Hz, which the model cannot show.",
+        finding=onsets or "region A throughout",
+        verdict="agrees" if oscillates else "agrees in part" if classification.onsets else "does not agree",
+        reason=""
+        if oscillates
+        else f"{ends}No slow oscillation occurs before. Where the bearing falls depends on the limit of the "
+        "control current, which the paper does not state, nor the data of its iron.",
+        figure="fig15",
+    )
 
 
 def _until(errors: SweepError, axis: int, limit: float) -> float:

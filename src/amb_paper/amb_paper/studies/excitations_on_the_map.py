@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from amb_core.designs.excitation import ExcitationCheck, Trial, TrialBench, check_excitation
 from amb_core.excitation import Square, WhiteNoise, generate
 from amb_core.ground.units import UM
@@ -9,6 +11,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region
 from amb_core.regions.region_map import RegionMap
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.overlay import overlay_chart
 from amb_core.report.figures.trial import trial_chart
 from amb_core.report.pages import Answer
@@ -36,27 +39,20 @@ class ExcitationsOnTheMap(Study):
 
     def run_at(self, workplace: Workplace) -> StudyResult:
         """Check both on the map, simulate both, and each again with another amplitude."""
-        found = paper_map(workplace)
+        region_map = paper_map(workplace)
         bench = TrialBench(PlantParameters(), ControllerParameters())
         signals = {kind: generate(kind, RATE) for kind in (NOISE, WEAK_NOISE, PULSES, LARGE_PULSES)}
-        checks = {kind: check_excitation(signals[kind], found) for kind in (NOISE, PULSES)}
+        checks = {kind: check_excitation(signals[kind], region_map) for kind in (NOISE, PULSES)}
         trials = {kind: bench.run(signal) for kind, signal in signals.items()}
-        noise_map = overlay_chart(checks[NOISE], found, f"White noise of {_amplitude(NOISE)} rms on the graph")
-        pulse_map = overlay_chart(checks[PULSES], found, f"Rectangular pulses of {_amplitude(PULSES)} on the graph")
-        tried = trial_chart(
-            {
-                f"white noise, {_amplitude(NOISE)} rms": trials[NOISE],
-                f"white noise, {_amplitude(WEAK_NOISE)} rms": trials[WEAK_NOISE],
-                f"pulses on x, then y, {_amplitude(PULSES)}": trials[PULSES],
-                f"pulses on x, then y, {_amplitude(LARGE_PULSES)}": trials[LARGE_PULSES],
-            },
-            title="Effect of the excitations",
+        noise_map = overlay_chart(checks[NOISE], region_map, f"White noise of {_amplitude(NOISE)} rms on the graph")
+        pulse_map = overlay_chart(
+            checks[PULSES], region_map, f"Rectangular pulses of {_amplitude(PULSES)} on the graph"
         )
         return StudyResult(
             [
                 DrawnFigure.of("fig11", noise_map),
                 DrawnFigure.of("fig12", pulse_map),
-                DrawnFigure.of("fig11-12-tried", tried),
+                DrawnFigure.of("fig11-12-tried", _tried(trials)),
             ],
             [
                 judge_noise_content(checks[NOISE]),
@@ -72,9 +68,21 @@ class ExcitationsOnTheMap(Study):
             [
                 "A point on the graph is a sine of the same power: for white noise, each third of an octave; for the "
                 "pulses, each harmonic. The effect of a signal follows from all of its points together, since the "
-                "squares of their control currents add up. " + _continued(checks[NOISE], found)
+                "squares of their control currents add up. " + _continued(checks[NOISE], region_map)
             ],
         )
+
+
+def _tried(trials: Mapping[WhiteNoise | Square, Trial]) -> Chart:
+    return trial_chart(
+        {
+            f"white noise, {_amplitude(NOISE)} rms": trials[NOISE],
+            f"white noise, {_amplitude(WEAK_NOISE)} rms": trials[WEAK_NOISE],
+            f"pulses on x, then y, {_amplitude(PULSES)}": trials[PULSES],
+            f"pulses on x, then y, {_amplitude(LARGE_PULSES)}": trials[LARGE_PULSES],
+        },
+        title="Effect of the excitations",
+    )
 
 
 def judge_noise_content(check: ExcitationCheck) -> Claim:
@@ -159,10 +167,10 @@ def _amplitude(excitation: WhiteNoise | Square) -> str:
     return f"{UM * excitation.amplitude:g} µm"
 
 
-def _continued(check: ExcitationCheck, found: RegionMap) -> str:
+def _continued(check: ExcitationCheck, region_map: RegionMap) -> str:
     """The frequency above which points lie beyond region A although the graph does not cover them."""
     axis = check.axes[-1]
-    beyond = axis.frequency[(axis.region > Region.A) & (axis.amplitude < found.amplitudes[0])]
+    beyond = axis.frequency[(axis.region > Region.A) & (axis.amplitude < region_map.amplitudes[0])]
     if not len(beyond):
         return ""
     return (

@@ -117,11 +117,11 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
             plant.advance(current[step])
         else:
             traced[start].append(plant.trace(current[step]))
-    found = stretches(classify(LoopRecord(0, plant.sample_time, reference, position, current)).states)
+    parts = stretches(classify(LoopRecord(0, plant.sample_time, reference, position, current)).states)
     pieces = []
     for start, traces in traced.items():
         middle = start + TRACED // 2
-        region = next(one.region for one in found if one.first_step <= middle < one.stop)
+        region = next(one.region for one in parts if one.first_step <= middle < one.stop)
         trace = joined(traces)
         pieces.append(Piece(region, trace, force_trajectory(trace, plant, TOP)))
     return plant, pieces

@@ -37,21 +37,21 @@ class FrequencyAmplitudeGraph(Study):
     def run_at(self, workplace: Workplace) -> StudyResult:
         """Simulate a few sweeps to show, build the map, compare it with analytic lines."""
         responses = [sweep_bearing(amplitude).case(f"{1e6 * amplitude:g} µm") for amplitude in SHOWN]
-        found = paper_map(workplace)
+        region_map = paper_map(workplace)
         lines = analytic_lines(PlantParameters(), ControllerParameters())
         series = sweep_comparison_chart(responses, title="Sweeps on y of rising amplitude")
-        graph = map_chart(found, lines, "Frequency-amplitude graph of the two-axis bearing")
-        amplitudes = f"{1e6 * found.amplitudes[0]:g} to {1e6 * found.amplitudes[-1]:g} µm"
+        graph = map_chart(region_map, lines, "Frequency-amplitude graph of the two-axis bearing")
+        amplitudes = f"{1e6 * region_map.amplitudes[0]:g} to {1e6 * region_map.amplitudes[-1]:g} µm"
         return StudyResult(
             [DrawnFigure.of("fig8", series), DrawnFigure.of("fig9", graph)],
-            [judge_regions(found), judge_fall(found), judge_speed(found), judge_extent(found)],
+            [judge_regions(region_map), judge_fall(region_map), judge_speed(region_map), judge_extent(region_map)],
             {
-                "amplitudes": Setting(f"{amplitudes}, {len(found.sweeps)} sweeps"),
+                "amplitudes": Setting(f"{amplitudes}, {len(region_map.sweeps)} sweeps"),
                 **SWEEP,
                 "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
             },
             [
-                lines_note(compare(found, lines)),
+                lines_note(compare(region_map, lines)),
                 "The limit of the control current is assumed and decides where the bearing falls under gravity: with "
                 "10 A instead of 3 A region D begins at twice the frequency.",
             ],
@@ -67,15 +67,17 @@ def paper_map(workplace: Workplace) -> RegionMap:
         cache=workplace.cache,
         scheduler=workplace.scheduler,
         workers=workplace.workers,
-        progress=lambda progress: workplace.tell(f"sweep {progress.done} of {progress.total}"),
+        progress=lambda progress: workplace.report(f"sweep {progress.done} of {progress.total}"),
     )
 
 
-def judge_regions(found: RegionMap) -> Claim:
+def judge_regions(region_map: RegionMap) -> Claim:
     """Whether every sweep runs through all regions."""
-    counts = {region: sum(region in sweep.boundaries for sweep in found.sweeps) for region in list(Region)[1:]}
-    total = len(found.sweeps)
-    resonances = sum(sweep.boundaries[Region.D].resonance for sweep in found.sweeps if Region.D in sweep.boundaries)
+    counts = {region: sum(region in sweep.boundaries for sweep in region_map.sweeps) for region in list(Region)[1:]}
+    total = len(region_map.sweeps)
+    resonances = sum(
+        sweep.boundaries[Region.D].resonance for sweep in region_map.sweeps if Region.D in sweep.boundaries
+    )
     often = {region: count > total / 2 for region, count in counts.items()}
     if all(often.values()):
         verdict: Answer = "agrees"
@@ -98,11 +100,11 @@ def judge_regions(found: RegionMap) -> Claim:
     )
 
 
-def judge_fall(found: RegionMap) -> Claim:
+def judge_fall(region_map: RegionMap) -> Claim:
     """Whether boundaries lie lower at larger amplitudes."""
     falling, pairs, parts = 0, 0, []
     for region in (Region.B, Region.D):
-        frequency = found.frequencies(region)
+        frequency = region_map.frequencies(region)
         frequency = frequency[np.isfinite(frequency)]
         falls = int(np.sum(np.diff(frequency) < 0.0))
         falling, pairs = falling + falls, pairs + max(len(frequency) - 1, 0)
@@ -122,9 +124,9 @@ def judge_fall(found: RegionMap) -> Claim:
     )
 
 
-def judge_speed(found: RegionMap) -> Claim:
+def judge_speed(region_map: RegionMap) -> Claim:
     """Whether amplitude times frequency is constant along the boundaries; what makes it so is section 2.2."""
-    slopes = {region: _slope(found, region) for region in (Region.B, Region.D)}
+    slopes = {region: _slope(region_map, region) for region in (Region.B, Region.D)}
     close = [abs(slope + 1.0) <= SLOPE_ERROR for slope in slopes.values()]
     return Claim(
         id="speed-decides",
@@ -139,9 +141,9 @@ def judge_speed(found: RegionMap) -> Claim:
     )
 
 
-def judge_extent(found: RegionMap) -> Claim:
+def judge_extent(region_map: RegionMap) -> Claim:
     """Share of the map outside region A."""
-    linear, logarithmic = (1.0 - _linear_share(found, spread) for spread in (np.linspace, np.geomspace))
+    linear, logarithmic = (1.0 - _linear_share(region_map, spread) for spread in (np.linspace, np.geomspace))
     many = [share > 0.5 for share in (linear, logarithmic)]
     return Claim(
         id="large-nonlinear-part",
@@ -169,11 +171,11 @@ def lines_note(comparisons: Sequence[Comparison]) -> str:
     )
 
 
-def _slope(found: RegionMap, region: Region) -> float:
+def _slope(region_map: RegionMap, region: Region) -> float:
     """Slope of a boundary's logarithm over that of the amplitude, without resonance onsets; NaN if too few."""
     places = [
         (sweep.amplitude, sweep.boundaries[region].frequency)
-        for sweep in found.sweeps
+        for sweep in region_map.sweeps
         if region in sweep.boundaries and not sweep.boundaries[region].resonance
     ]
     if len(places) < 2:
@@ -182,9 +184,9 @@ def _slope(found: RegionMap, region: Region) -> float:
     return float(np.polyfit(amplitude, frequency, 1)[0])
 
 
-def _linear_share(found: RegionMap, spread: Callable[[float, float, int], NDArray[np.float64]]) -> float:
+def _linear_share(region_map: RegionMap, spread: Callable[[float, float, int], NDArray[np.float64]]) -> float:
     """Share of the map's area in region A, with points spaced by a NumPy function."""
-    settings = found.settings
-    amplitude = spread(found.amplitudes[0], found.amplitudes[-1], GRID)
+    settings = region_map.settings
+    amplitude = spread(region_map.amplitudes[0], region_map.amplitudes[-1], GRID)
     frequency = spread(settings.frequency_start, settings.frequency_end, GRID)
-    return float(np.mean(found.region_at(frequency[:, None], amplitude[None, :]) == Region.A))
+    return float(np.mean(region_map.region_at(frequency[:, None], amplitude[None, :]) == Region.A))

@@ -90,7 +90,7 @@ class MultisineModels(Study):
 
 def _region_claim(runs: Mapping[str, Trial], as_rms: DataSet) -> Claim:
     region = runs[PAPERS.name].region
-    told = "; ".join(
+    reached = "; ".join(
         f"{data.name}: region {runs[data.name].region.name}, bias of y shifted by "
         f"{UM * runs[data.name].bias_shift[1]:.1f} µm"
         for data in (CONTROL, PAPERS, LARGER)
@@ -102,7 +102,7 @@ def _region_claim(runs: Mapping[str, Trial], as_rms: DataSet) -> Claim:
         paper_figure="Section 4",
         statement="A random-phase multisine of 50 µm, 11 Hz to 400 Hz, on both axes at once drives the bearing into "
         "regions B and C.",
-        finding=f"{told}; with 50 µm as its rms value (peak {UM * _amplitude(as_rms):.0f} µm): region "
+        finding=f"{reached}; with 50 µm as its rms value (peak {UM * _amplitude(as_rms):.0f} µm): region "
         f"{fallen.region.name}, {excited:.2f} s after its start",
         verdict="agrees" if region >= Region.C else "agrees in part" if region is Region.B else "does not agree",
         reason=""
@@ -120,12 +120,12 @@ def beyond_claim(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) ->
     sets = {trial.data for trial in beyond}
     barren = sets - {trial.data for trial in stable}
     within = [trial for trial in trials if regions[trial.data] is Region.A]
-    told = "; ".join(_counts(trials, name, region) for name, region in regions.items())
+    counts = "; ".join(_counts(trials, name, region) for name, region in regions.items())
     return Claim(
         id="multisine-no-stable-model",
         paper_figure="Section 4",
         statement="From data with behaviour of regions B and C no model with a stable closed loop could be found.",
-        finding=told,
+        finding=counts,
         verdict="does not agree" if not barren else "agrees" if barren == sets else "agrees in part",
         reason=""
         if beyond and barren == sets
@@ -147,13 +147,13 @@ def control_claim(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) -
     within = [-np.inf if fit is None else fit for name, fit in best.items() if regions[name] is Region.A]
     others = [fit for name, fit in best.items() if fit is not None and regions[name] > Region.A]
     leads = accurate and min(within) >= ACCURATE and all(min(within) > fit for fit in others)
-    told = "; ".join(f"{name}: {'no stable model' if fit is None else f'{fit:.1f} %'}" for name, fit in best.items())
+    fits = "; ".join(f"{name}: {'no stable model' if fit is None else f'{fit:.1f} %'}" for name, fit in best.items())
     return Claim(
         id="multisine-control",
         paper_figure="Sections 4, 5",
         statement="Accurate linear models can be identified, provided that the excitation keeps the bearing in "
         "region A.",
-        finding=f"best fit of the worse axis among stable models: {told}",
+        finding=f"best fit of the worse axis among stable models: {fits}",
         verdict="agrees" if linear and leads else "agrees in part" if linear and accurate else "does not agree",
         reason=""
         if linear and leads
@@ -199,8 +199,8 @@ def _chart(trials: Sequence[ModelTrial], regions: Mapping[str, Region]) -> Chart
             hover = tuple(_hover(trial) for trial in mine)
             for chosen, filled in ((stable, True), (~stable, False)):
                 if chosen.any():
-                    told = tuple(text for text, shown in zip(hover, chosen, strict=True) if shown)
-                    items.append(Points(x[chosen], np.array(fits)[chosen], method, colour, marker, filled, told))
+                    texts = tuple(text for text, shown in zip(hover, chosen, strict=True) if shown)
+                    items.append(Points(x[chosen], np.array(fits)[chosen], method, colour, marker, filled, texts))
         axis = Axis("fit of the worse axis (%)", limits=(2.0 * UNSTABLE, 105.0))
         panels.append(Panel(Axis("order"), axis, tuple(items), _counts(trials, name, region)))
     rows = tuple(
@@ -229,5 +229,5 @@ def _hover(trial: ModelTrial) -> str:
 
 
 def _orders(trials: Sequence[ModelTrial], name: str, method: str) -> str:
-    found = [trial.order for trial in trials if (trial.data, trial.method) == (name, method) and trial.stable]
-    return "all" if len(found) == len(ORDERS) else ", ".join(map(str, found)) or "none"
+    orders = [trial.order for trial in trials if (trial.data, trial.method) == (name, method) and trial.stable]
+    return "all" if len(orders) == len(ORDERS) else ", ".join(map(str, orders)) or "none"

@@ -82,9 +82,9 @@ class SquareWaves(Study):
         """Record, identify, simulate, draw."""
         without = EXPERIMENT.without_ros()
         through = EXPERIMENT.through_ros(workplace.folder / "bags", without)
-        found = model_from_squares(without)
+        identification = model_from_squares(without)
         measured = without.excited
-        means = Means.of(found.model, measured)
+        means = Means.of(identification.model, measured)
         excitation = EXPERIMENT.signal.parameters.model_dump()
         return StudyResult(
             [
@@ -92,7 +92,7 @@ class SquareWaves(Study):
                 DrawnFigure.of("fig14", _side_by_side(RESPONSE, response_chart, _thinner_response, measured, means)),
             ],
             [
-                *claims(found, means, means.dynamics(measured)),
+                *claims(identification, means, means.dynamics(measured)),
                 equality_claim("square-waves", "Fig. 13, 14", without, through),
             ],
             {
@@ -102,18 +102,18 @@ class SquareWaves(Study):
                 ),
                 "before": Setting(f"{SETTLING * measured.sample_time:g} s at rest"),
                 "sample rate": Setting(f"{1.0 / measured.sample_time:g} Hz", "stated: section 3.2"),
-                "order of the model": Setting(f"{found.model.order}", "stated: section 4"),
+                "order of the model": Setting(f"{identification.model.order}", "stated: section 4"),
                 "method": Setting("subspace, then PEM with prediction focus", "stated: section 3.4"),
                 "subspace method": Setting("SSARX"),
                 "samples": Setting(f"{measured.steps:,}", "result"),
-                "poles": Setting(_poles(found), "result"),
+                "poles": Setting(_poles(identification), "result"),
                 "bag": Setting(str(Path("bags") / EXPERIMENT.name), "result"),
             },
             [
                 "The model is identified from data without their means, as is usual. In closed loop it then moves "
                 "about the centre, while the rotor hangs below it. Adding the means of currents and positions to the "
                 "model corrects this.",
-                found.summary + ".",
+                identification.summary + ".",
             ],
         )
 
@@ -122,24 +122,30 @@ class SquareWaves(Study):
         return EXPERIMENT.is_kept(folder / "bags")
 
 
-def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -> list[Claim]:
+def claims(identification: Identification, means: Means, dynamics: NDArray[np.float64]) -> list[Claim]:
     """Evaluation of the paper's statements on Fig. 13 and 14; `dynamics` is the fit without the offset (percent)."""
-    unstable, largest = len(found.model.unstable_poles()), _largest(found)
+    return [_dynamics_claim(dynamics), *_offset_claims(means), _unstable_plant_claim(identification)]
+
+
+def _dynamics_claim(dynamics: NDArray[np.float64]) -> Claim:
     good = dynamics >= REPLICATES
+    return Claim(
+        id="square-waves-dynamics",
+        paper_figure="Fig. 13, 14",
+        statement="A state-space model of tenth order from square waves replicates the pattern of the orbit and "
+        "the dynamic response, in closed loop with the known controller.",
+        finding=f"fit apart from the offset: x {dynamics[0]:.2f} %, y {dynamics[1]:.2f} %",
+        verdict=_answer(bool(good.all()), bool(good.any())),
+        reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replication.",
+        figure="fig14",
+    )
+
+
+def _offset_claims(means: Means) -> list[Claim]:
     before, after = np.abs(means.offset_without), np.abs(means.offset_added)
     missed = before[1] > before[0] and means.fit_without[1] < means.fit_added[1]
     mended = bool(after[1] <= SMALL_OFFSET * before[1])
     return [
-        Claim(
-            id="square-waves-dynamics",
-            paper_figure="Fig. 13, 14",
-            statement="A state-space model of tenth order from square waves replicates the pattern of the orbit and "
-            "the dynamic response, in closed loop with the known controller.",
-            finding=f"fit apart from the offset: x {dynamics[0]:.2f} %, y {dynamics[1]:.2f} %",
-            verdict=_answer(bool(good.all()), bool(good.any())),
-            reason="" if good.all() else f"A fit below {REPLICATES:g} % is not a replication.",
-            figure="fig14",
-        ),
         Claim(
             id="square-waves-offset",
             paper_figure="Fig. 13",
@@ -161,18 +167,22 @@ def claims(found: Identification, means: Means, dynamics: NDArray[np.float64]) -
             reason="" if mended else f"More than {100 * SMALL_OFFSET:g} % of the offset is left.",
             figure="fig13",
         ),
-        Claim(
-            id="unstable-plant",
-            paper_figure="Section 3.3",
-            statement="With prediction focus and the right order, state-space models of the unstable plant can be "
-            "identified directly from data of the closed loop.",
-            finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
-            f"{largest:.4f}",
-            verdict=_answer(unstable > 0 and found.stable, unstable > 0),
-            reason="" if unstable and found.stable else "The plant has no unstable pole, or its loop is unstable.",
-            figure="fig14",
-        ),
     ]
+
+
+def _unstable_plant_claim(identification: Identification) -> Claim:
+    unstable, largest = len(identification.model.unstable_poles()), _largest(identification)
+    return Claim(
+        id="unstable-plant",
+        paper_figure="Section 3.3",
+        statement="With prediction focus and the right order, state-space models of the unstable plant can be "
+        "identified directly from data of the closed loop.",
+        finding=f"{unstable} unstable plant poles; the largest pole of model and controller has magnitude "
+        f"{largest:.4f}",
+        verdict=_answer(unstable > 0 and identification.stable, unstable > 0),
+        reason="" if unstable and identification.stable else "The plant has no unstable pole, or its loop is unstable.",
+        figure="fig14",
+    )
 
 
 def _answer(all_of_it: bool, part: bool = False) -> Answer:
@@ -209,13 +219,15 @@ def _thinner_response(curve: Curve) -> Curve:
     return replace(curve, x=x, y=y)
 
 
-def _largest(found: Identification) -> float:
-    poles = found.closed_loop_poles
+def _largest(identification: Identification) -> float:
+    poles = identification.closed_loop_poles
     return float("inf") if poles is None else float(np.abs(poles).max())
 
 
-def _poles(found: Identification) -> str:
-    rate = np.log(found.model.unstable_poles().astype(complex)) / found.model.sample_time / (2.0 * np.pi)
+def _poles(identification: Identification) -> str:
+    rate = (
+        np.log(identification.model.unstable_poles().astype(complex)) / identification.model.sample_time / (2.0 * np.pi)
+    )
     return f"unstable ones of the plant at {', '.join(f'{value.real:.2f} Hz' for value in rate)} (s / 2 pi)"
 
 

@@ -59,7 +59,7 @@ class Subharmonics(Study):
             cache=workplace.cache,
             scheduler=workplace.scheduler,
             workers=workplace.workers,
-            progress=lambda done, total: workplace.tell(f"tone {done} of {total}"),
+            progress=lambda _stage, done, total: workplace.report(f"tone {done} of {total}"),
         )
         spectra = {
             f"third tone of {UM * settings.inducing_amplitude:g} µm at {settings.inducing_frequency:g} Hz": three,
@@ -67,23 +67,13 @@ class Subharmonics(Study):
             f"all tones shifted, third of {UM * shifted.settings.inducing_amplitude:g} µm at "
             f"{shifted.settings.inducing_frequency:g} Hz": shifted,
         }
-        largest = f"{UM * SURFACE.amplitude_low:g} to {UM * SURFACE.amplitude_high:g} µm"
         return StudyResult(
             [
                 DrawnFigure.of("fig6", spectrum_chart(spectra, "Response on y to tones of 200 and 300 Hz and a third")),
                 DrawnFigure.of("fig7", surface_chart(surface, "Effect of inducing tones, all tones shifted")),
             ],
             [judge_product(three), judge_cause(two, three), judge_slow(three, shifted), judge_influence(surface)],
-            {
-                "tones": Setting(
-                    "10 µm at 200 Hz, 10 µm at 300 Hz, 40 µm at 3 kHz on y, in steady state", "stated: section 2.3"
-                ),
-                "control current limit": Setting(f"{CURRENT_LIMIT:g} A"),
-                "surface": Setting(
-                    f"{largest}, {SURFACE.frequency_low:g} to {SURFACE.frequency_high:g} Hz, shifted by "
-                    f"{settings.offset_1:g}, {settings.offset_2:g} and {settings.offset_3:g} Hz"
-                ),
-            },
+            _settings(settings),
             [
                 "The paper's tones and the sample rate are all multiples of 100 Hz, so many products coincide, "
                 "including those folded by sampling. A shift of the tones by a few Hz separates them. "
@@ -92,6 +82,20 @@ class Subharmonics(Study):
                 + (f": {limited.reason}." if limited.state != "steady" else ".")
             ],
         )
+
+
+def _settings(settings: SubharmonicSettings) -> dict[str, Setting]:
+    amplitudes = f"{UM * SURFACE.amplitude_low:g} to {UM * SURFACE.amplitude_high:g} µm"
+    return {
+        "tones": Setting(
+            "10 µm at 200 Hz, 10 µm at 300 Hz, 40 µm at 3 kHz on y, in steady state", "stated: section 2.3"
+        ),
+        "control current limit": Setting(f"{CURRENT_LIMIT:g} A"),
+        "surface": Setting(
+            f"{amplitudes}, {SURFACE.frequency_low:g} to {SURFACE.frequency_high:g} Hz, shifted by "
+            f"{settings.offset_1:g}, {settings.offset_2:g} and {settings.offset_3:g} Hz"
+        ),
+    }
 
 
 def judge_product(three: SubharmonicSpectrum) -> Claim:

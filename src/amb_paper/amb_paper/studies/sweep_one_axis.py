@@ -15,6 +15,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.plant.simulation import simulate
 from amb_core.regions import Region
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged
@@ -89,24 +90,16 @@ class OneAxisSweep(Study):
         }
         figures, fits, poles = [], {}, {}
         for figure, bearing in bearings.items():
-            found = identify_bearing(bearing)
-            model = model_response(found, bearing)
+            identification = identify_bearing(bearing)
+            model = model_response(identification, bearing)
             fits[figure] = region_a_fit(bearing, model)
-            poles[figure] = dominant_pole(found, bearing.controller.sample_rate)
+            poles[figure] = dominant_pole(identification, bearing.controller.sample_rate)
             title = f"One axis, sweep of {1e6 * AMPLITUDE:g} µm: {NAMES[figure]}"
-            chart = sweep_chart(bearing.record, bearing.found, bearing.frequency, model=model, axes=("y",), title=title)
+            chart = sweep_chart(
+                bearing.record, bearing.classification, bearing.frequency, model=model, axes=("y",), title=title
+            )
             figures.append(DrawnFigure.of(figure, chart))
-        comparisons = {
-            "fig2-top-coil-amplitudes": sweep_comparison_chart(
-                [bearing.case(f"{1e6 * amplitude:g} µm") for amplitude, bearing in top.items()],
-                title="Top coil alone, table 1: sweeps of rising amplitude",
-            ),
-            "fig2-supply-voltage": sweep_comparison_chart(
-                [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
-                title="Two electromagnets: the same sweep with increasingly slow amplifiers",
-            ),
-        }
-        figures += [DrawnFigure.of(name, chart) for name, chart in comparisons.items()]
+        figures += [DrawnFigure.of(name, chart) for name, chart in _comparisons(top, scan).items()]
         return StudyResult(
             figures,
             [
@@ -115,19 +108,7 @@ class OneAxisSweep(Study):
                 frequency_claim(bearings, poles),
                 delevitation_claim(bearings),
             ],
-            {
-                "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-                **SWEEP,
-                "first bearing": Setting("electromagnets above and below the rotor", "stated: footnote 5"),
-                "second bearing": Setting("the electromagnet above the rotor alone", "stated: section 2.2"),
-                "third bearing": Setting(f"as the first, with {SLOW_VALUE}", "against table 1"),
-                "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
-                "identification": Setting(
-                    f"PEM, order {ORDER}, on two bearings under different random-phase multisines of "
-                    f"{1e6 * EXCITATIONS[0].amplitude:g} µm, {EXCITATIONS[0].frequency_start:g} Hz to "
-                    f"{EXCITATIONS[0].frequency_end:g} Hz"
-                ),
-            },
+            _settings(),
             [
                 top_coil_note(top),
                 SLOW_NOTE,
@@ -136,6 +117,36 @@ class OneAxisSweep(Study):
                 "in a loop without limits, since a linear loop has none.",
             ],
         )
+
+
+def _comparisons(top: dict[float, SweptBearing], scan: dict[float, SweptBearing]) -> dict[str, Chart]:
+    """The top coil alone by amplitude, and two electromagnets by supply voltage."""
+    return {
+        "fig2-top-coil-amplitudes": sweep_comparison_chart(
+            [bearing.case(f"{1e6 * amplitude:g} µm") for amplitude, bearing in top.items()],
+            title="Top coil alone, table 1: sweeps of rising amplitude",
+        ),
+        "fig2-supply-voltage": sweep_comparison_chart(
+            [bearing.case(f"supply voltage {voltage:g} V") for voltage, bearing in scan.items()],
+            title="Two electromagnets: the same sweep with increasingly slow amplifiers",
+        ),
+    }
+
+
+def _settings() -> dict[str, Setting]:
+    return {
+        "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
+        **SWEEP,
+        "first bearing": Setting("electromagnets above and below the rotor", "stated: footnote 5"),
+        "second bearing": Setting("the electromagnet above the rotor alone", "stated: section 2.2"),
+        "third bearing": Setting(f"as the first, with {SLOW_VALUE}", "against table 1"),
+        "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
+        "identification": Setting(
+            f"PEM, order {ORDER}, on two bearings under different random-phase multisines of "
+            f"{1e6 * EXCITATIONS[0].amplitude:g} µm, {EXCITATIONS[0].frequency_start:g} Hz to "
+            f"{EXCITATIONS[0].frequency_end:g} Hz"
+        ),
+    }
 
 
 def top_coil_note(top: Mapping[float, SweptBearing]) -> str:
@@ -174,11 +185,11 @@ def identify_bearing(bearing: SweptBearing) -> Identification:
     return identify(both, ORDER, "pem", bearing.controller)
 
 
-def model_response(found: Identification, bearing: SweptBearing) -> LoopRecord:
+def model_response(identification: Identification, bearing: SweptBearing) -> LoopRecord:
     """The model in the loop without limits under the reference of the sweep, which acts on the second copy, y."""
     unlimited = bearing.controller.model_copy(update={"current_limit": NO_LIMIT})
     rest = int(np.argmax(np.isfinite(bearing.frequency)))
-    return simulate_closed_loop(found.model, unlimited, bearing.record.reference[rest:], rest)
+    return simulate_closed_loop(identification.model, unlimited, bearing.record.reference[rest:], rest)
 
 
 def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float]:
@@ -196,10 +207,10 @@ def region_a_fit(bearing: SweptBearing, model: LoopRecord) -> tuple[float, float
     return parts[0], parts[1]
 
 
-def dominant_pole(found: Identification, sample_rate: float) -> Pole:
+def dominant_pole(identification: Identification, sample_rate: float) -> Pole:
     """The slowest oscillating pole pair of the model's loop, of the second copy."""
-    assert found.closed_loop_poles is not None  # the data are of the bearing's loop
-    swinging = found.closed_loop_poles[found.closed_loop_poles.imag > 0.0]
+    assert identification.closed_loop_poles is not None  # the data are of the bearing's loop
+    swinging = identification.closed_loop_poles[identification.closed_loop_poles.imag > 0.0]
     rates = np.log(swinging) * sample_rate / (2.0 * np.pi)
     slowest = rates[np.argmin(np.abs(rates))]
     return Pole(float(np.abs(slowest)), float(slowest.imag))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 from amb_core.ground.units import UM
 from amb_core.plant import RigidRotorParameters, uniform_shaft
 from amb_core.regions import Region, RegionParameters
+from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.report.pages import Answer
@@ -67,56 +68,65 @@ class RigSweep(Study):
         tried = {name: sweep_bearing(AMPLITUDE, RIG | change) for name, change in OPTIONS.items()}
         rigid = tried[SURVIVING]
         flexible, bending = _sweep_flexible()
-        charts = {
-            "fig5": sweep_chart(
-                rigid.record, rigid.found, rigid.frequency, over="frequency", axes="y",
-                title=f"100 µm sweep of the rigid rotor, {SURVIVING}",
-            ),
-            "fig5-flexible": sweep_chart(
-                flexible.record, flexible.found, flexible.frequency, over="frequency", axes="y",
-                title=f"100 µm sweep of a flexible rotor, {SURVIVING}",
-            ),
-            "fig5-options": sweep_comparison_chart(
-                [swept.case(name) for name, swept in tried.items()],
-                title="100 µm sweep of the rigid rotor, by options",
-            ),
-        }  # fmt: skip
         ends = {name: _end(swept) for name, swept in tried.items()}
         of_survivor = [
             judge_drift(bias(rigid), Region.B in rigid.onsets),
-            judge_slow(*slow_component(rigid), told=Region.C in rigid.onsets),
+            judge_slow(*slow_component(rigid), reported=Region.C in rigid.onsets),
             judge_resonances(
                 float(np.max(np.abs(rigid.record.position[:, 1] - np.median(rigid.record.position[:, 1])))),
                 {frequency: resonance(flexible, frequency) for frequency in bending},
             ),
         ]
         return StudyResult(
-            [DrawnFigure.of(name, chart) for name, chart in charts.items()],
+            [DrawnFigure.of(name, chart) for name, chart in _charts(tried, flexible).items()],
             [
                 judge_survival(ends),
                 *(with_another_value(claim, OTHER_VALUE) for claim in of_survivor),
             ],
-            {
-                "amplitude": Setting(f"{UM * AMPLITUDE:g} µm, bearing A", "stated: section 2.3"),
-                **SWEEP,
-                "mass of the rotor": Setting(f"{RIGID.mass:g} kg", "stated: table 1"),
-                "rotor": Setting(
-                    f"rigid, or a uniform shaft of {LENGTH:g} m that bends at "
-                    f"{', '.join(f'{frequency:.0f}' for frequency in bending)} Hz"
-                ),
-                "iron": Setting(
-                    "of the rigid rotor's bearings with saturation and hysteresis, of the flexible one's linear",
-                    "assumed: section 2.4 has saturation and hysteresis, without values",
-                ),
-                "derivative": Setting("on the measurement", "against Fig. 10"),
-                "control current limit": Setting(f"{WIDE_LIMIT['controller.current_limit']:g} A"),
-            },
+            _settings(bending),
             [
                 "A sweep ends when the rotor touches a backup bearing. Options of the loop, and where it ends: "
                 + "; ".join(f"{name}: {_end_text(end)}" for name, end in ends.items())
                 + f"; flexible rotor, {SURVIVING}: {_end_text(_end(flexible))}."
             ],
         )
+
+
+def _charts(tried: dict[str, SweptBearing], flexible: SweptBearing) -> dict[str, Chart]:
+    """The rigid rotor with the option that survives, the flexible one, and all options."""
+    rigid = tried[SURVIVING]
+    return {
+        "fig5": sweep_chart(
+            rigid.record, rigid.classification, rigid.frequency, over="frequency", axes="y",
+            title=f"100 µm sweep of the rigid rotor, {SURVIVING}",
+        ),
+        "fig5-flexible": sweep_chart(
+            flexible.record, flexible.classification, flexible.frequency, over="frequency", axes="y",
+            title=f"100 µm sweep of a flexible rotor, {SURVIVING}",
+        ),
+        "fig5-options": sweep_comparison_chart(
+            [swept.case(name) for name, swept in tried.items()],
+            title="100 µm sweep of the rigid rotor, by options",
+        ),
+    }  # fmt: skip
+
+
+def _settings(bending: Sequence[float]) -> dict[str, Setting]:
+    return {
+        "amplitude": Setting(f"{UM * AMPLITUDE:g} µm, bearing A", "stated: section 2.3"),
+        **SWEEP,
+        "mass of the rotor": Setting(f"{RIGID.mass:g} kg", "stated: table 1"),
+        "rotor": Setting(
+            f"rigid, or a uniform shaft of {LENGTH:g} m that bends at "
+            f"{', '.join(f'{frequency:.0f}' for frequency in bending)} Hz"
+        ),
+        "iron": Setting(
+            "of the rigid rotor's bearings with saturation and hysteresis, of the flexible one's linear",
+            "assumed: section 2.4 has saturation and hysteresis, without values",
+        ),
+        "derivative": Setting("on the measurement", "against Fig. 10"),
+        "control current limit": Setting(f"{WIDE_LIMIT['controller.current_limit']:g} A"),
+    }
 
 
 def bias(swept: SweptBearing) -> NDArray[np.float64]:
@@ -187,7 +197,7 @@ def judge_survival(ends: Mapping[str, float | None]) -> Claim:
     )
 
 
-def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
+def judge_drift(means: NDArray[np.float64], reported: bool) -> Claim:
     """Whether the bias (m) drifts above the resonance, and the classifier reports region B for it."""
     span = float(np.ptp(means)) if len(means) else 0.0
     drifts = span >= DRIFT
@@ -197,18 +207,18 @@ def judge_drift(means: NDArray[np.float64], told: bool) -> Claim:
         statement="During the sweep the level about which the rotor moves drifts (region B).",
         finding=f"Above {SETTLED:g} Hz the mean of y moves by {UM * span:.1f} µm"
         + (f", between {UM * means.min():.1f} and {UM * means.max():.1f} µm" if len(means) else "")
-        + (". The classifier reports region B." if told else ". The classifier does not report region B."),
-        verdict="agrees" if drifts and told else "agrees in part" if drifts else "does not agree",
+        + (". The classifier reports region B." if reported else ". The classifier does not report region B."),
+        verdict="agrees" if drifts and reported else "agrees in part" if drifts else "does not agree",
         reason=f"It moves by less than the threshold of the classifier, {UM * DRIFT:g} µm."
         if not drifts
         else ""
-        if told
+        if reported
         else "It is slow: the classifier requires the bias to move by its threshold within the span of its test.",
         figure="fig5",
     )
 
 
-def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
+def judge_slow(amplitude: float, frequency: float, *, reported: bool) -> Claim:
     """Whether y moves slowly (m) while the input is fast (Hz), and the classifier reports region C for it."""
     there = amplitude >= SLOW
     return Claim(
@@ -219,10 +229,10 @@ def judge_slow(amplitude: float, frequency: float, *, told: bool) -> Claim:
         f"with an input of {frequency:.0f} Hz."
         if there
         else "Nothing above the threshold of the classifier.",
-        verdict="agrees" if there and told else "agrees in part" if there else "does not agree",
+        verdict="agrees" if there and reported else "agrees in part" if there else "does not agree",
         reason="Slow motion comes in bursts where a harmonic of the input folds to a low frequency at the sample rate. "
         "The classifier separates this beating of a sampled loop from an oscillation of the loop itself, region C."
-        if there and not told
+        if there and not reported
         else ""
         if there
         else "Above its resonance the rotor hardly moves.",

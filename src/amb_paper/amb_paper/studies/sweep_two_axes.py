@@ -61,7 +61,9 @@ class TwoAxisSweep(Study):
 def figure_of(name: str, bearing: SweptBearing, description: str) -> DrawnFigure:
     """Position on y over the frequency of the input."""
     title = f"Two axes, sweep of {1e6 * AMPLITUDE:g} µm on y: {description}"
-    chart = sweep_chart(bearing.record, bearing.found, bearing.frequency, over="frequency", axes=("y",), title=title)
+    chart = sweep_chart(
+        bearing.record, bearing.classification, bearing.frequency, over="frequency", axes=("y",), title=title
+    )
     return DrawnFigure.of(name, chart)
 
 

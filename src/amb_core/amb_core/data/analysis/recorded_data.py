@@ -158,12 +158,12 @@ def _within(spans: Sequence[tuple[int, int]], start: int, stop: int) -> list[tup
 
 
 def _only_topic(recording: Recording, message_type: str, argument: str) -> str:
-    found = [topic.name for topic in recording.topics if topic.type == message_type]
-    if len(found) == 1:
-        return found[0]
-    if found:
+    topics = [topic.name for topic in recording.topics if topic.type == message_type]
+    if len(topics) == 1:
+        return topics[0]
+    if topics:
         raise BagError(
-            f"bag {recording.path}: {message_type} is on more than one topic: {', '.join(found)}; "
+            f"bag {recording.path}: {message_type} is on more than one topic: {', '.join(topics)}; "
             f"name one as {argument}"
         )
     there = ", ".join(f"{topic.name} ({topic.type})" for topic in recording.topics) or "none"

@@ -154,13 +154,13 @@ def _joined_classification(
     """All states, and the first onset of each region; with the known input frequency, if any."""
 
     def first(onsets: Iterable[dict[Region, Onset]]) -> dict[Region, Onset]:
-        found: dict[Region, Onset] = {}
+        joined: dict[Region, Onset] = {}
         for part in onsets:
             for region, onset in part.items():
                 row = min(onset.step - first_step, len(frequency) - 1)
                 known = float(frequency[row]) if np.isfinite(frequency[row]) else onset.input_frequency
-                found.setdefault(region, replace(onset, input_frequency=known))
-        return dict(sorted(found.items()))
+                joined.setdefault(region, replace(onset, input_frequency=known))
+        return dict(sorted(joined.items()))
 
     return Classification(
         [state for part in parts for state in part.states],

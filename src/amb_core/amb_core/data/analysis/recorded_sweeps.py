@@ -33,9 +33,9 @@ def with_dwells(path: str | Path, sweep: RecordedLoop) -> RecordedLoop:
     if not is_folder(folder):
         return sweep
     recording = Recording.read(folder)
-    found = list(sweep.data.experiments)
+    experiments = list(sweep.data.experiments)
     for run in recording.runs:
         for one in recording.excitations(run):
             if one.accepted and one.steps:
-                found += recorded_data(recording, run, one.first_step, one.steps).experiments
-    return replace(sweep, data=replace(sweep.data, experiments=tuple(found)))
+                experiments += recorded_data(recording, run, one.first_step, one.steps).experiments
+    return replace(sweep, data=replace(sweep.data, experiments=tuple(experiments)))

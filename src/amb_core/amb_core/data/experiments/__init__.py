@@ -7,18 +7,18 @@ from amb_core.data.experiments.description import DataDescription
 from amb_core.data.experiments.drift import cure_drift, high_pass
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.data.experiments.files import write_data, written_data
-from amb_core.data.experiments.gap import Gap
+from amb_core.data.experiments.gap import DataGap
 from amb_core.data.experiments.interpret import DescribedData, SignalRow, describe_table
 from amb_core.data.experiments.merging import merge
 from amb_core.data.experiments.recorded_loop import RecordedLoop
 
 __all__ = [
     "DataDescription",
+    "DataGap",
     "DataReport",
     "DescribedData",
     "Experiment",
     "Finding",
-    "Gap",
     "IdentificationData",
     "RecordedLoop",
     "Severity",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.data.experiments.experiment import Experiment, line
-from amb_core.data.experiments.gap import Gap
+from amb_core.data.experiments.gap import DataGap, gaps_between
 from amb_core.ground.errors import IdentificationError
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
@@ -164,14 +163,9 @@ class IdentificationData:
         return self._mean_trend("output")
 
     @property
-    def gaps(self) -> list[Gap]:
+    def gaps(self) -> list[DataGap]:
         """The gaps between experiments of one source, in order."""
-        ordered = sorted(self.experiments, key=lambda experiment: (experiment.source, experiment.first_step))
-        return [
-            Gap(before.source, before.stop, after.first_step)
-            for before, after in itertools.pairwise(ordered)
-            if before.source == after.source and before.stop < after.first_step
-        ]
+        return gaps_between(self.experiments)
 
     def time(self, index: int = 0) -> NDArray[np.float64]:
         """Time of each sample of an experiment from step 0 of its run (s), shape (steps,).
@@ -365,12 +359,9 @@ class IdentificationData:
             self.output_names,
         )
 
-    def _mean_trend(self, name: str) -> NDArray[np.float64]:
+    def _mean_trend(self, signal: str) -> NDArray[np.float64]:
         weights = [item.steps / self.samples for item in self.experiments]
-        means = [
-            line(getattr(item, f"{name}_trend"), np.array([item.time(self.sample_time).mean()]))[0]
-            for item in self.experiments
-        ]
+        means = [item.mean_trend(signal, self.sample_time) for item in self.experiments]
         return np.asarray(np.tensordot(weights, means, axes=1))
 
     def _check(self) -> None:
@@ -389,9 +380,9 @@ class IdentificationData:
             if len(units) != len(names):
                 raise IdentificationError(f"{len(names)} {kind}s need as many units, not {len(units)}")
             for index, item in enumerate(self.experiments):
-                found = getattr(item, f"{kind}s").shape[1]
-                if found != len(names):
-                    raise IdentificationError(f"experiment {index} has {found} {kind}s; {len(names)} are named")
+                columns = getattr(item, f"{kind}s").shape[1]
+                if columns != len(names):
+                    raise IdentificationError(f"experiment {index} has {columns} {kind}s; {len(names)} are named")
 
 
 def _columns(values: ArrayLike) -> NDArray[np.float64]:

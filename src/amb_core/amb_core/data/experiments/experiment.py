@@ -93,6 +93,23 @@ class Experiment:
         """
         return np.arange(self.first_step, self.stop, dtype=np.float64) * sample_time
 
+    def mean_trend(self, signal: str, sample_time: float) -> NDArray[np.float64]:
+        """The removed trend of `input`, `output` or `reference` in the middle of the experiment.
+
+        Parameters
+        ----------
+        signal : str
+            Which of them.
+        sample_time : float
+            Sample time (s).
+
+        Returns
+        -------
+        ndarray, shape (m,) or (p,)
+            The trend, in the units of the signals.
+        """
+        return line(getattr(self, f"{signal}_trend"), np.array([self.time(sample_time).mean()]))[0]
+
     def window(self, first_step: int, stop: int) -> Experiment:
         """The samples from `first_step` up to, not including, `stop`; there must be at least one.
 

@@ -155,7 +155,7 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
 
 
 def _signals(roles: Roles, description: DataDescription) -> list[_Signal]:
-    found = []
+    signals = []
     units = _units_of(description, [*roles.inputs, *roles.outputs, *roles.reference, *filter(None, [roles.time])])
     for role, letter, columns in (
         ("input", "u", roles.inputs),
@@ -166,8 +166,8 @@ def _signals(roles: Roles, description: DataDescription) -> list[_Signal]:
             label = column.name if column.named else f"{letter}{number}"
             unit = units.get(column.name, spelled(column.unit)) or _of_role(role, description)
             unit = unit or unit_at_end(columns, role)
-            found.append(_Signal(column, role, label, unit, *si(unit)))
-    return found
+            signals.append(_Signal(column, role, label, unit, *si(unit)))
+    return signals
 
 
 def _units_of(description: DataDescription, columns: Sequence[Column]) -> dict[str, str]:

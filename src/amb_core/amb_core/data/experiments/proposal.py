@@ -52,7 +52,7 @@ class Proposal:
 
 def proposed(columns: Sequence[Column]) -> Proposal | None:
     """What columns may be; None if their names and units suggest no input or no output."""
-    found: dict[str, list[tuple[Column, str, str]]] = {role: [] for role in ("inputs", "outputs", "reference")}
+    by_role: dict[str, list[tuple[Column, str, str]]] = {role: [] for role in ("inputs", "outputs", "reference")}
     for column in columns:
         words = [word for word in re.split(r"[^a-z0-9]+", without_si_end(column.name).casefold()) if word]
         unit = spelled(column.unit)
@@ -60,19 +60,19 @@ def proposed(columns: Sequence[Column]) -> Proposal | None:
         role = role or ("inputs" if unit in CURRENTS else "outputs" if unit in LENGTHS else "")
         if role:
             axis = "_".join(word for word in words if word not in _WORDS[role])
-            found[role].append((column, axis, unit or _SI_ENDS[role][1:] * column.name.endswith(_SI_ENDS[role])))
-    if not found["inputs"] or not found["outputs"]:
+            by_role[role].append((column, axis, unit or _SI_ENDS[role][1:] * column.name.endswith(_SI_ENDS[role])))
+    if not by_role["inputs"] or not by_role["outputs"]:
         return None
-    if len(found["reference"]) != len(found["outputs"]):
-        del found["reference"]
-    axes = [[axis for _, axis, _ in items] for items in found.values()]
+    if len(by_role["reference"]) != len(by_role["outputs"]):
+        del by_role["reference"]
+    axes = [[axis for _, axis, _ in items] for items in by_role.values()]
     # names of a machine's axes only where every role has the same ones
     renamed = all(sorted(each) == sorted(axes[0]) for each in axes) and len({*axes[0], ""}) == len(axes[0]) + 1
     given = {
         role: [f"{_LETTERS[role]}{axis}={column.name}" if renamed else column.name for column, axis, _ in items]
-        for role, items in found.items()
+        for role, items in by_role.items()
     }
-    every = [(column.unit, unit) for items in found.values() for column, _, unit in items]
+    every = [(column.unit, unit) for items in by_role.values() for column, _, unit in items]
     units = {unit for _, unit in every}
     if "" not in units and len(units) == 2 and any(not written for written, _ in every):
         given["units"] = sorted(units)

@@ -50,7 +50,9 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
         inputs, outputs, reference_found = _by_name(others)
         reference = reference or reference_found
     if not inputs or not outputs:
-        missing = " and ".join(f"--{name}" for name, found in (("inputs", inputs), ("outputs", outputs)) if not found)
+        missing = " and ".join(
+            f"--{name}" for name, columns in (("inputs", inputs), ("outputs", outputs)) if not columns
+        )
         proposal = proposed(others)
         raise UndescribedError(
             f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and "
@@ -73,20 +75,20 @@ def _named(table: Table, item: str, option: str) -> list[Column]:
     name, wanted = column_of(item)
     if not name or any(column.name == item for column in table.columns):
         return table.find(item, option)
-    found = table.find(wanted, option)
-    if len(found) != 1:
-        raise IdentificationError(f"--{option} {item} means {len(found)} columns; name one")
-    return [replace(found[0], name=name, named=True, heading=found[0].name)]
+    matches = table.find(wanted, option)
+    if len(matches) != 1:
+        raise IdentificationError(f"--{option} {item} means {len(matches)} columns; name one")
+    return [replace(matches[0], name=name, named=True, heading=matches[0].name)]
 
 
 def _time(table: Table, description: DataDescription) -> Column | None:
     if description.time == "none":
         return None
     if description.time:
-        found = table.find(description.time, "time")
-        if len(found) != 1:
-            raise IdentificationError(f"--time {description.time} means {len(found)} columns; name one")
-        return found[0]
+        matches = table.find(description.time, "time")
+        if len(matches) != 1:
+            raise IdentificationError(f"--time {description.time} means {len(matches)} columns; name one")
+        return matches[0]
     named = [column for column in table.columns if column.named and _last(column.name) in _TIMES]
     if not named:
         named = [column for column in table.columns if column.named and spelled(column.unit) in TIMES]

@@ -106,11 +106,11 @@ class Table:
             If there is none, or more than one.
         """
         for match in (_exact, _without_case, _ending, _variable):
-            found = match(self.columns, wanted)
-            if len(found) == 1 or (found and match is _variable):
-                return found
-            if found:
-                names = ", ".join(column.name for column in found)
+            matches = match(self.columns, wanted)
+            if len(matches) == 1 or (matches and match is _variable):
+                return matches
+            if matches:
+                names = ", ".join(column.name for column in matches)
                 raise IdentificationError(f"--{option} {wanted} may be {names}; write more of its name")
         numbers = re.fullmatch(r"(\d+)(?:-(\d+))?", wanted)
         if not numbers:
@@ -135,8 +135,8 @@ def split_unit(text: str) -> tuple[str, str]:
     """
     text = text.strip().strip('"').strip()
     for pattern in _PARTS:
-        if found := pattern.match(text):
-            return found["name"].strip(), found["unit"].strip()
+        if heading := pattern.match(text):
+            return heading["name"].strip(), heading["unit"].strip()
     suffix = _SUFFIX.match(text)
     return text, suffix["unit"] if suffix else ""
 
@@ -158,8 +158,8 @@ def _without_case(columns: tuple[Column, ...], wanted: str) -> list[Column]:
 def _ending(columns: tuple[Column, ...], wanted: str) -> list[Column]:
     """Columns whose name ends in the wanted one, at a boundary of its parts: `position[x]` of `/rig.position[x]`."""
     end = wanted.casefold()
-    found = [column for column in columns if column.name.casefold().endswith(end)]
-    return [column for column in found if len(column.name) > len(end) and column.name[-len(end) - 1] in "./ "]
+    candidates = [column for column in columns if column.name.casefold().endswith(end)]
+    return [column for column in candidates if len(column.name) > len(end) and column.name[-len(end) - 1] in "./ "]
 
 
 def _variable(columns: tuple[Column, ...], wanted: str) -> list[Column]:

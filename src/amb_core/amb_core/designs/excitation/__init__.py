@@ -1,6 +1,6 @@
 """Check and design of excitations: regions and distortion under an excitation, and the largest one within limits."""
 
-from amb_core.designs.excitation.certificate import Certificate
+from amb_core.designs.excitation.certificate import ExcitationCertificate
 from amb_core.designs.excitation.check import check_excitation
 from amb_core.designs.excitation.design import DesignedExcitation, design_excitation
 from amb_core.designs.excitation.excited_order import ExcitedOrder, excited_order
@@ -14,8 +14,8 @@ from amb_core.designs.excitation.trial import Trial, TrialBench
 __all__ = [
     "AxisCheck",
     "AxisMeasure",
-    "Certificate",
     "DesignedExcitation",
+    "ExcitationCertificate",
     "ExcitationCheck",
     "ExcitedOrder",
     "Limits",

@@ -55,4 +55,4 @@ def highest_load(signal: ExcitationSignal, region_map: RegionMap, controller: Co
         content = content_of(signal, (first, last), axis)
         load = AxisLoad(content, current, signal.sample_time, region_map, law, law.current_limit).at()
         loads.append(HighestLoad(signal.machine.axis_names[axis], load.linear))
-    return max(loads, key=lambda found: found.load, default=HighestLoad(signal.machine.axis_names[0], 0.0))
+    return max(loads, key=lambda one: one.load, default=HighestLoad(signal.machine.axis_names[0], 0.0))

@@ -23,19 +23,17 @@ from amb_core.designs.excitation.spans import spans_on_one_bearing
 from amb_core.designs.excitation.trial import Trial, TrialBench
 from amb_core.excitation import ExcitationSignal, Multisine
 from amb_core.ground.errors import ExcitationError, SpectrumError
+from amb_core.ground.progress import Progress, as_stage
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.distortion import Distortion, simulate_distortion
 
-Progress = Callable[[str, int, int], None]
-"""Called with what is simulated, and the numbers of finished and of all steps."""
-
 _REST = 0.5  # s, before the excitation; rotors settle within a tenth of a second or two
 
 
 @dataclass(frozen=True)
-class Certificate:
+class ExcitationCertificate:
     """What simulations of an excitation showed.
 
     Attributes
@@ -75,7 +73,7 @@ class Bench:
     signal_of : callable
         The signal of an amplitude (m) and a number that is added to its seed.
     progress : callable or None
-        See `Progress`.
+        See `amb_core.ground.progress.Progress`.
 
     Attributes
     ----------
@@ -130,7 +128,7 @@ class Bench:
         """How much of its limit the nonlinear distortion uses; for multisines."""
         return self._use_of(self._distortion(amplitude))
 
-    def certify(self, amplitude: float) -> Certificate:
+    def certify(self, amplitude: float) -> ExcitationCertificate:
         """Simulate all seeds, and measure the distortion of multisines."""
         trials = [self._run(amplitude, seed) for seed in sorted(self._seeds)]
         uses = [self._use(amplitude, trial) for trial in trials]
@@ -138,7 +136,7 @@ class Bench:
         if self.measures_distortion:
             uses.append(self._use_of(distortion))
         worst = max(uses, key=lambda use: use.share)
-        return Certificate(amplitude, tuple(trials), distortion, worst)
+        return ExcitationCertificate(amplitude, tuple(trials), distortion, worst)
 
     def require_order(
         self, signal: ExcitationSignal, model_order: int | None, trial: Trial | None = None
@@ -158,13 +156,13 @@ class Bench:
         axes = ["xy".index(axis) for axis in self._axes]
         response = self.linear.respond(signal.samples) if trial is None else trial.record
         last = slice(-signal.steps, None)
-        found = excited_order(
+        excited = excited_order(
             response.current[last][:, axes], response.position[last][:, axes], signal.sample_time, model_order
         )
         noisy = self._plant.sensor.noise > 0.0
-        if found.order < (model_order or 1) and not (trial is None and noisy):
-            raise ExcitationError(_not_persistent(signal, found, model_order))
-        return found
+        if excited.order < (model_order or 1) and not (trial is None and noisy):
+            raise ExcitationError(_not_persistent(signal, excited, model_order))
+        return excited
 
     def _use_of(self, distortion: Distortion | None) -> Use:
         if distortion is None:
@@ -177,17 +175,15 @@ class Bench:
         return use
 
     def _run(self, amplitude: float, seed: int) -> Trial:
-        progress = self._progress
         name = f"{1e6 * amplitude:.4g} um" + (
             f", seed {seed + 1} of {len(self._seeds)}" if len(self._seeds) > 1 else ""
         )
         return self._trials.run(
             self._signal_of(amplitude, seed),
-            None if progress is None else lambda done, total: progress(name, done, total),
+            as_stage(name, self._progress),
         )
 
     def _distortion(self, amplitude: float) -> Distortion | None:
-        progress = self._progress
         name = f"{1e6 * amplitude:.4g} um, distortion"
         settings = distortion_settings(self._signal_of(amplitude, 0), self._limits.seeds)
         if self._demanding is None:  # the same at every amplitude, as the loop is linear
@@ -197,16 +193,16 @@ class Bench:
                 self._plant,
                 self._controller,
                 settings,
-                None if progress is None else lambda done, total: progress(name, done, total),
+                as_stage(name, self._progress),
                 self._demanding,
             )
         except SpectrumError:  # the rotor delevitates
             return None
 
 
-def _not_persistent(signal: ExcitationSignal, found: ExcitedOrder, model_order: int | None) -> str:
+def _not_persistent(signal: ExcitationSignal, excited: ExcitedOrder, model_order: int | None) -> str:
     wanted = "any model" if model_order is None else f"a model with {model_order} states"
     return (
-        f"{signal.kind}: identification would accept models of {found.order} states at most from its recording, not "
+        f"{signal.kind}: identification would accept models of {excited.order} states at most from its recording, not "
         f"{wanted}; widen the band, lengthen the duration, or set sensor.noise to what the sensors of the rig have"
     )

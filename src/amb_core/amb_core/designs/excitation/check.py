@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,15 +82,10 @@ def check_excitation(
     )
     predicted = max(axis.predicted for axis in axes)
     map_margin = amplitude_margin(loads)
-    power = np.array([axis.rms**2 for axis in axes])
-    shares = {
-        region: float(sum(weight * axis.shares[region] for weight, axis in zip(power / power.sum(), axes, strict=True)))
-        for region in Region
-    }
     return ExcitationCheck(
         kind=signal.kind,
         axes=axes,
-        shares=shares,
+        shares=_shares(axes),
         predicted=predicted,
         certain=predicted > Region.A or all(axis.load.linear < 1.0 for axis in axes),
         margin=min(map_margin, *(min(axis.current_margin, axis.slew_margin) for axis in axes)),
@@ -102,6 +99,15 @@ def check_excitation(
         slew_rate=rate,
         map_margin=map_margin,
     )
+
+
+def _shares(axes: Sequence[AxisCheck]) -> dict[Region, float]:
+    """Share of the power of all axes in each region (-)."""
+    power = np.array([axis.rms**2 for axis in axes])
+    return {
+        region: float(sum(weight * axis.shares[region] for weight, axis in zip(power / power.sum(), axes, strict=True)))
+        for region in Region
+    }
 
 
 def verdict(axes: tuple[AxisCheck, ...], map_margin: float) -> str:

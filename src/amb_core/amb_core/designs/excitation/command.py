@@ -51,7 +51,7 @@ def clipped_fundamental(amplitude: NDArray[np.float64], limit: float) -> NDArray
 
 
 @dataclass(frozen=True)
-class Limits:
+class EntryAmplitudes:
     """Amplitudes at which sines enter a region or a higher one; on the dwell side of a map that is confirmed.
 
     Attributes
@@ -73,7 +73,7 @@ class Limits:
 
 def limits(
     region_map: RegionMap, region: Region, frequency: NDArray[np.float64], controller: ControllerParameters
-) -> Limits:
+) -> EntryAmplitudes:
     """Amplitudes at which sines enter a region or a higher one; on the dwell side of a map that is confirmed.
 
     Parameters
@@ -100,4 +100,4 @@ def limits(
         continued, amplitude * command_gain(kept_from, controller) / command_gain(frequency, controller), amplitude
     )
     reached = linear < len(grid)
-    return Limits(amplitude, reached & ~continued & (frequency >= start), reached)
+    return EntryAmplitudes(amplitude, reached & ~continued & (frequency >= start), reached)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from amb_core.designs.excitation.certificate import Bench, Certificate, Progress
+from amb_core.designs.excitation.certificate import Bench, ExcitationCertificate
 from amb_core.designs.excitation.check import check_excitation
 from amb_core.designs.excitation.excited_order import ExcitedOrder
 from amb_core.designs.excitation.limits import Limits
@@ -20,6 +20,7 @@ from amb_core.excitation import ExcitationSignal, excitation_from_request, gener
 from amb_core.excitation.axes import ALL, BOTH
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.progress import Progress
 from amb_core.ground.results import Result
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -59,7 +60,7 @@ class DesignedExcitation(Result):
         Smallest amplitude found beyond them (m); infinity if the largest allowed one is still within.
     limited_by : str
         The limit that is exceeded at `beyond_amplitude`, with its value there.
-    certificate : Certificate
+    certificate : ExcitationCertificate
         Simulations of the excitation with all seeds.
     excited_order : ExcitedOrder
         Order of the models that identification accepts of its recording.
@@ -76,7 +77,7 @@ class DesignedExcitation(Result):
     largest_amplitude: float
     beyond_amplitude: float
     limited_by: str
-    certificate: Certificate
+    certificate: ExcitationCertificate
     excited_order: ExcitedOrder
     tried: tuple[TriedAmplitude, ...]
     predicted_amplitude: float | None
@@ -245,7 +246,7 @@ class _Signals:
         return generate(excitation_from_request(self._kind, values), self._sample_rate)
 
 
-def _certify(bench: Bench, amplitude: float) -> Certificate:
+def _certify(bench: Bench, amplitude: float) -> ExcitationCertificate:
     """A smaller amplitude may exceed a limit even if a larger one does not: then it is lowered further."""
     while True:
         certificate = bench.certify(amplitude)

@@ -69,8 +69,8 @@ def most_demanding(settings: DistortionSettings, loop: LinearLoop, sample_rate: 
         for experiment in range(len(EXPERIMENTS[settings.axes])):
             period = reference_of(settings, lines, number, experiment)
             current = loop.respond(np.tile(period, (2, 1))).current[-lines.steps :]
-            found = np.abs(current).max(), np.abs(np.diff(current, axis=0)).max()
-            peaks[number] = np.maximum(peaks[number], found)
+            highest = np.abs(current).max(), np.abs(np.diff(current, axis=0)).max()
+            peaks[number] = np.maximum(peaks[number], highest)
     by_current, by_slew = np.argsort(-peaks, axis=0).T
     chosen = dict.fromkeys(int(number) for pair in zip(by_current, by_slew, strict=True) for number in pair)
     return list(chosen)[: settings.realisations]

@@ -8,7 +8,6 @@ classifier's `drift_threshold` or more counts as B.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +23,7 @@ from amb_core.designs.excitation.measures import AxisMeasure, measure_trial
 from amb_core.designs.excitation.spans import spans_on_one_bearing
 from amb_core.excitation import ExcitationSignal
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
@@ -101,7 +101,7 @@ class TrialBench:
         self.current_limit = effective_current_limit(plant, controller)
         self._slew_rate = slew_rate(plant)
 
-    def run(self, signal: ExcitationSignal, progress: Callable[[int, int], None] | None = None) -> Trial:
+    def run(self, signal: ExcitationSignal, progress: Progress | None = None) -> Trial:
         """Simulate a signal from rest to its end, or until the rotor delevitates.
 
         Parameters
@@ -109,7 +109,7 @@ class TrialBench:
         signal : ExcitationSignal
             The excitation.
         progress : callable, optional
-            Called with the number of finished steps and that of all steps. None for no calls.
+            See `amb_core.ground.progress.Progress`. None for no calls.
 
         Returns
         -------
@@ -140,15 +140,15 @@ class TrialBench:
             steps,
             signal.samples,
             rest,
-            None if progress is None else lambda done: progress(done, steps),
+            progress,
         )
         if self._plant.delevitated and record.steps <= rest:
             raise ExcitationError(
                 f"the rotor delevitates {record.steps * signal.sample_time:.2g} s after its release, before any "
                 "excitation: the controller does not hold it, so no amplitude is small enough; change the controller"
             )
-        found = classify(record, self.regions, delevitated=self._plant.delevitated)
-        classified = max(found.onsets, default=Region.A)
+        classification = classify(record, self.regions, delevitated=self._plant.delevitated)
+        classified = max(classification.onsets, default=Region.A)
         linear = self.linear.respond(signal.samples)
         shift = self._bias_shift(record, signal, rest, linear)
         moved = bool(np.any(np.abs(shift) >= self.regions.drift_threshold))
@@ -157,7 +157,7 @@ class TrialBench:
         if record.steps == steps:
             axes = [axis for axis, _, _ in spans]
             measures = measure_trial(record, rest, axes, linear, self.current_limit, self._slew_rate)
-        return Trial(region, classified, found.onsets, shift, record, measures)
+        return Trial(region, classified, classification.onsets, shift, record, measures)
 
     def _bias_shift(
         self, record: LoopRecord, signal: ExcitationSignal, rest: int, linear: LinearResponse

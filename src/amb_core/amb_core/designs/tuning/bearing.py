@@ -102,8 +102,8 @@ def plant_of(bearing: Bearing) -> PlantParameters:
         parameters = validate(PlantParameters, values)
         try:
             Plant(parameters)
-        except PlantError as found:
-            problem = found
+        except PlantError as refusal:
+            problem = refusal
             continue
         return parameters
     assert problem is not None

@@ -166,6 +166,6 @@ def _searched(plant: Plant, family: LoopFamily, start: tuple[float, float] | Non
         return min(family.peak(*np.exp(logarithms)), 1e9)
 
     best = pairs[int(np.argmin(peaks))]
-    found = np.exp(minimize(cost, np.log(best), method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
-    rounded = three_digits(found[0]), three_digits(found[1])
+    optimum = np.exp(minimize(cost, np.log(best), method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
+    rounded = three_digits(optimum[0]), three_digits(optimum[1])
     return rounded if family.peak(*rounded) < family.peak(*best) else best

@@ -30,15 +30,15 @@ def reason(parameters: PlantParameters, controller: ControllerParameters, highes
     str
         A phrase for a message.
     """
-    found = []
+    parts = []
     for text, better in _better(parameters, controller):
         try:
             tuned = tune(*better, highest_peak)
         except PlantError:
             continue
         if tuned is not None and tuned.peak_sensitivity <= highest_peak:
-            found.append(text)
-    return " or ".join(found) or "several parts of the loop together are too slow for this rotor, or it bends too much"
+            parts.append(text)
+    return " or ".join(parts) or "several parts of the loop together are too slow for this rotor, or it bends too much"
 
 
 def require_lift_off(parameters: PlantParameters, controller: ControllerParameters) -> float:

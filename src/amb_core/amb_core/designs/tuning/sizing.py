@@ -61,23 +61,23 @@ class Sizing:
     @property
     def remarks(self) -> list[str]:
         """What is little or much, and what would do."""
-        found = []
+        remarks = []
         if self.current_ripple > LARGEST_RIPPLE * self.bias_current:
-            found.append(
+            remarks.append(
                 f"the current ripple of {self.current_ripple:.3g} A is more than {100 * LARGEST_RIPPLE:.0f} % of the "
                 "bias current: a higher switching frequency, more turns or a lower voltage reduce it"
             )
         if self.samples < FEWEST_SAMPLES:
-            found.append(
+            remarks.append(
                 f"the unstable pole leaves {self.samples:.2g} samples to respond, {FEWEST_SAMPLES:g} are usual: a "
                 "higher sample rate gives more, and so does a smaller bias current"
             )
         if 2.0 * math.pi * self.current_bandwidth < LEAST_BANDWIDTH * self.unstable_pole:
-            found.append(
+            remarks.append(
                 f"the current loop ({self.current_bandwidth:.3g} Hz) is hardly faster than the unstable pole "
                 f"({self.unstable_pole:.3g} 1/s): a higher switching frequency or voltage makes it faster"
             )
-        return found
+        return remarks
 
 
 def sizing_of(parameters: PlantParameters) -> Sizing:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from amb_core.designs.tuning.gains import centred
 from amb_core.designs.tuning.loop_family import LoopFamily
+from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters, linearize
 
@@ -46,7 +47,7 @@ def stability_chart(
     parameters: PlantParameters,
     controller: ControllerParameters,
     points: int = POINTS,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> StabilityChart:
     """The chart of a machine, linearised about the centre of its bearings.
 
@@ -57,7 +58,7 @@ def stability_chart(
     points : int, optional
         Gains along each side.
     progress : callable, optional
-        Called with the finished and all rows.
+        Called after each row, see `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def stability_chart(
     for row, k_d in enumerate(derivative):
         peak[row] = [family.peak(float(k_p), float(k_d)) for k_p in proportional]
         if progress is not None:
-            progress(row + 1, points)
+            progress("chart", row + 1, points)
     return StabilityChart(proportional, derivative, peak, chosen, family.exact_peak(*chosen))
 
 

@@ -81,8 +81,8 @@ class Apart:
     def iterate(self, method: str, *arguments: Any, as_objects: bool = False) -> Iterator[Any]:
         """The items that a method yields, each made when it is asked for; errors as for `call`."""
         self.call(method, *arguments)
-        while (found := self.call("next", as_objects=as_objects)) is not None:
-            yield from found
+        while (batch := self.call("next", as_objects=as_objects)) is not None:
+            yield from batch
 
     def close(self) -> None:
         """End the child."""

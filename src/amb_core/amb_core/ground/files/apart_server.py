@@ -15,7 +15,7 @@ from types import FunctionType
 from typing import Any
 
 from amb_core.ground.errors import AmbError
-from amb_core.ground.files.limits import Limits, too_much
+from amb_core.ground.files.limits import ReadLimits, too_much
 from amb_core.ground.files.plain_data import Encoder
 from amb_core.ground.files.regular_files import MIB
 
@@ -63,7 +63,7 @@ def _serve(channel: socket.socket, request: dict[str, Any]) -> None:
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
         with suppress(OSError):  # relative paths are those of the process that asks
             os.chdir(request["folder"])
-        limits = Limits(**request["limits"])
+        limits = ReadLimits(**request["limits"])
         _confine(limits)
         made: list[Any] = []
         _answer(channel, limits, Encoder(limits), lambda: _made(request, made))
@@ -75,12 +75,12 @@ def _serve(channel: socket.socket, request: dict[str, Any]) -> None:
                 _answer(channel, limits, encoder, lambda items=items: _batch(items))  # type: ignore[misc]
                 continue
             encoder = Encoder(limits)
-            items, found = None, getattr(made[0], method)
-            if getattr(found, "yields", False):
-                items = iter(found(*arguments))
+            items, bound = None, getattr(made[0], method)
+            if getattr(bound, "yields", False):
+                items = iter(bound(*arguments))
                 _answer(channel, limits, encoder, lambda: None)
             else:
-                _answer(channel, limits, encoder, lambda found=found, a=arguments: found(*a))  # type: ignore[misc]
+                _answer(channel, limits, encoder, lambda bound=bound, a=arguments: bound(*a))  # type: ignore[misc]
     finally:
         os._exit(0)
 
@@ -95,23 +95,23 @@ def _made(request: dict[str, Any], made: list[Any]) -> Any:
     """The result of a function; None for an object, which is kept."""
     module, _, name = request["target"].partition(":")
     target = getattr(importlib.import_module(module), name)
-    found = target(*request["arguments"])
+    result = target(*request["arguments"])
     if isinstance(target, FunctionType):
-        return found
-    made.append(found)
+        return result
+    made.append(result)
     return None
 
 
 def _batch(items: Iterator[Any] | None) -> list[Any] | None:
-    found = []
+    batch = []
     for item in items or ():
-        found.append(item)
-        if len(found) == _BATCH:
+        batch.append(item)
+        if len(batch) == _BATCH:
             break
-    return found or None
+    return batch or None
 
 
-def _confine(limits: Limits) -> None:
+def _confine(limits: ReadLimits) -> None:
     """No file is written, no core is left, and memory is limited beyond what the process has now."""
     for number in (resource.RLIMIT_FSIZE, resource.RLIMIT_CORE):
         resource.setrlimit(number, (0, 0))
@@ -120,7 +120,7 @@ def _confine(limits: Limits) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (now + limits.memory, now + limits.memory))
 
 
-def _answer(channel: socket.socket, limits: Limits, encoder: Encoder, action: Callable[[], Any]) -> None:
+def _answer(channel: socket.socket, limits: ReadLimits, encoder: Encoder, action: Callable[[], Any]) -> None:
     """Send what an action returns or raises. The kernel ends a process that takes too long."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     allowed = int(usage.ru_utime + usage.ru_stime + limits.seconds) + 1
@@ -147,7 +147,7 @@ def _error(kind: str, problem: Exception) -> list[bytes | memoryview]:
     number, text = 0, str(problem) or type(problem).__name__
     if isinstance(problem, OSError):
         number, text = problem.errno or 0, problem.strerror or str(problem)
-    return Encoder(Limits(0, 0, 1 << 20, 0, 0.0)).encode(["error", [kind, number, text[:10_000]]])
+    return Encoder(ReadLimits(0, 0, 1 << 20, 0, 0.0)).encode(["error", [kind, number, text[:10_000]]])
 
 
 def _received(channel: socket.socket) -> Any:

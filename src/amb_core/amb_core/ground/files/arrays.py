@@ -20,8 +20,8 @@ def load_arrays(path: str | Path) -> dict[str, NDArray[Any]]:
     OSError, UnreadableError
         If it cannot be read, is damaged, or asks for more than `limits_for` allows.
     """
-    found: dict[str, NDArray[Any]] = read_apart(f"{__name__}:arrays_of_file", path)
-    return found
+    arrays: dict[str, NDArray[Any]] = read_apart(f"{__name__}:arrays_of_file", path)
+    return arrays
 
 
 def arrays_of_file(path: str) -> dict[str, NDArray[Any]]:

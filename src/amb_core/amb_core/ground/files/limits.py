@@ -23,7 +23,7 @@ LONGEST_LINE = MIB
 
 
 @dataclass(frozen=True)
-class Limits:
+class ReadLimits:
     """What the reader of a file may use.
 
     Attributes
@@ -52,10 +52,10 @@ class Limits:
         return 8.0 * self.seconds
 
 
-def limits_for(path: str | Path) -> Limits:
+def limits_for(path: str | Path) -> ReadLimits:
     """The limits of a file, or of a folder with the files in it."""
     size = size_of(path)
-    return Limits(
+    return ReadLimits(
         expanded=max(256 * MIB, 64 * size),
         values=max(128 * MIB, 32 * size),
         texts=max(16 * MIB, 16 * size),

@@ -53,8 +53,8 @@ def load_variables(path: str | Path) -> dict[str, Any]:
     OSError, UnreadableError
         If it cannot be read, is damaged, or asks for more than `limits_for` allows.
     """
-    found: dict[str, Any] = read_apart(f"{__name__}:variables_of_file", path, modules=("scipy.io", "h5py"))
-    return found
+    variables: dict[str, Any] = read_apart(f"{__name__}:variables_of_file", path, modules=("scipy.io", "h5py"))
+    return variables
 
 
 def variables_of_file(path: str) -> dict[str, Any]:

@@ -87,11 +87,11 @@ class ParameterFile:
             Full name, or the name in the namespace of the graph.
         """
         name = full_name(node)
-        found: dict[str, Any] = {}
+        parameters: dict[str, Any] = {}
         for key, values in self._sections.items():
             if _pattern(key).fullmatch(name):
-                found.update(values)
-        return {name: value for name, value in found.items() if not of_rclpy(name)}
+                parameters.update(values)
+        return {name: value for name, value in parameters.items() if not of_rclpy(name)}
 
     def with_values(self, values: Mapping[str, Mapping[str, Any]]) -> str:
         """The text of a parameter file with other values of some parameters.
@@ -149,13 +149,13 @@ def _pattern(key: str) -> re.Pattern[str]:
 
 def _sections(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, dict[str, Any]]]:
     """Keys and flat parameters in the order of the file; a namespace may be a mapping around its nodes."""
-    found: list[tuple[str, dict[str, Any]]] = []
+    sections: list[tuple[str, dict[str, Any]]] = []
     for key, section in content.items():
         name = f"{prefix}{key}"
         if not isinstance(section, Mapping) or not section:
             raise ParameterError(f"{EACH_ENTRY}; '{name}' is not")
         if PARAMETERS not in section:
-            found += _sections(section, f"{name}/")
+            sections += _sections(section, f"{name}/")
             continue
         others = [str(other) for other in section if other != PARAMETERS]
         if others:
@@ -164,11 +164,11 @@ def _sections(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, d
             )
         if not isinstance(section[PARAMETERS], Mapping):
             raise ParameterError(f"{EACH_ENTRY}; '{name}' is not")
-        found.append((name, _flat(name, section[PARAMETERS])))
-    for name, number in Counter(name for name, _ in found).items():
+        sections.append((name, _flat(name, section[PARAMETERS])))
+    for name, number in Counter(name for name, _ in sections).items():
         if number > 1:
             raise ParameterError(f"'{name}' is given twice")
-    return found
+    return sections
 
 
 def _flat(node: str, values: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
@@ -176,10 +176,10 @@ def _flat(node: str, values: Mapping[Any, Any], prefix: str = "") -> dict[str, A
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{prefix}{key}"
-        found = _flat(node, value, f"{name}.") if isinstance(value, Mapping) else {name: value}
-        for twice in found.keys() & flat.keys():
+        entries = _flat(node, value, f"{name}.") if isinstance(value, Mapping) else {name: value}
+        for twice in entries.keys() & flat.keys():
             raise ParameterError(f"'{node}': parameter '{twice}' is given twice")
-        flat |= found
+        flat |= entries
     return flat
 
 

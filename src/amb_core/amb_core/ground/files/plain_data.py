@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from amb_core.ground.files.limits import Limits, too_much
+from amb_core.ground.files.limits import ReadLimits, too_much
 from amb_core.ground.files.regular_files import MIB
 
 HEAD = struct.Struct("<QQ")
@@ -31,7 +31,7 @@ class PlainObject(SimpleNamespace):
 class Encoder:
     """Encodes answers to one question, together within limits."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: ReadLimits) -> None:
         self._limits = limits
         self._values = self._texts = 0
 

@@ -34,7 +34,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "imaginary": ("-", "imaginary part of a pole, z plane"),
     "deviation": ("-", "standard deviation; of a pole that of real and imaginary part"),
     "unstable_poles": ("-", "number of poles outside the unit circle, or these as [real, imaginary], z plane"),
-    "poles_at_one": ("-", "poles that cannot be told from 1, as [real, imaginary], z plane"),
+    "poles_at_one": ("-", "poles that cannot be distinguished from 1, as [real, imaginary], z plane"),
     "closed_loop_poles": ("-", "poles of model and controller, as [real, imaginary], z plane"),
     "largest_pole": ("-", "largest magnitude of a pole of the closed loop, z plane"),
     "feedthrough": ("unit of output over input", "direct feedthrough, by output and input"),

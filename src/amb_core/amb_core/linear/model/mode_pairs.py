@@ -120,19 +120,19 @@ def pair_modes(
             f"modes at the outputs {', '.join(identified.output_names)} cannot be paired with modes at "
             f"{', '.join(computed.output_names)}; both models need the same outputs in the same order"
         )
-    wanted, found = computed.selected(least_gain).modes, identified.selected(0.1 * least_gain).modes
-    assurance = np.array([[_assurance(one, other, wanted) for one in found] for other in wanted])
-    assurance = assurance.reshape(len(wanted), len(found))
-    distance = np.abs(np.subtract.outer(_rates(wanted), _rates(found))) / np.abs(_rates(wanted))[:, np.newaxis]
+    wanted, candidates = computed.selected(least_gain).modes, identified.selected(0.1 * least_gain).modes
+    assurance = np.array([[_assurance(one, other, wanted) for one in candidates] for other in wanted])
+    assurance = assurance.reshape(len(wanted), len(candidates))
+    distance = np.abs(np.subtract.outer(_rates(wanted), _rates(candidates))) / np.abs(_rates(wanted))[:, np.newaxis]
     allowed = (distance <= farthest) & (assurance >= least_alike)
     cost = np.where(allowed, distance / farthest + 1.0 - assurance, _REFUSED)
     rows, columns = linear_sum_assignment(cost)
     chosen = [(int(row), int(column)) for row, column in zip(rows, columns, strict=True) if allowed[row, column]]
     partners = {row for row, _ in chosen}, {column for _, column in chosen}
     return ModeComparison(
-        tuple(ModePair(wanted[row], found[column], float(assurance[row, column])) for row, column in chosen),
+        tuple(ModePair(wanted[row], candidates[column], float(assurance[row, column])) for row, column in chosen),
         tuple(mode for row, mode in enumerate(wanted) if row not in partners[0]),
-        tuple(mode for column, mode in enumerate(found) if column not in partners[1] and mode.gain >= least_gain),
+        tuple(mode for column, mode in enumerate(candidates) if column not in partners[1] and mode.gain >= least_gain),
     )
 
 

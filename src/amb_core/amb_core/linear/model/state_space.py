@@ -149,8 +149,8 @@ class StateSpaceModel(LinearSystem):
         """
         names = {item.name for item in fields(cls)}
         if not isinstance(content, dict) or set(content) | set(_LATER) != names:
-            found = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
-            raise IdentificationError(f"expected the fields {', '.join(sorted(names))}; found {found}")
+            present = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
+            raise IdentificationError(f"expected the fields {', '.join(sorted(names))}; found {present}")
         try:
             return cls(**(content | {"fit": [float(value) for value in content["fit"]]}))
         except (TypeError, ValueError) as problem:

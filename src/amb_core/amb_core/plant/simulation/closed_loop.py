@@ -5,12 +5,11 @@ Step k: the controller responds to the position of step k; the plant holds this 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import ExcitationError, ParameterError
+from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters, PdController, require_one_rate
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import first_bearing
@@ -24,7 +23,7 @@ def simulate(
     steps: int,
     excitation: NDArray[np.float64] | None = None,
     excitation_step: int = 0,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> LoopRecord:
     """Reset plant and controller and run the closed loop from step 0.
 
@@ -39,7 +38,7 @@ def simulate(
     excitation_step : int, optional
         Step of the first excitation sample.
     progress : callable, optional
-        Called with the number of steps done, every 1000 steps. None for no calls.
+        Called every 1000 steps, see `amb_core.ground.progress.Progress`. None for no calls.
 
     Returns
     -------
@@ -81,7 +80,7 @@ def simulate(
             done = step + 1
             break
         if progress is not None and (step + 1) % 1000 == 0:
-            progress(step + 1)
+            progress("simulation", step + 1, steps)
     signals = reference[:done], position[:done], current[:done]
     return LoopRecord(0, plant.sample_time, *signals, plant.machine.axis_names)
 
@@ -92,7 +91,7 @@ def simulate_first_bearing(
     steps: int,
     excitation: NDArray[np.float64],
     excitation_step: int = 0,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress | None = None,
 ) -> LoopRecord:
     """`simulate` with the excitation on the first radial bearing of a machine, and the record of that bearing.
 

@@ -31,14 +31,14 @@ class ColumnName:
 def column_names(axes: Collection[str], signals: Collection[str] = ()) -> list[ColumnName]:
     """The columns: time, and the wanted signals (by default all) of each axis, axis after axis."""
     chosen = chosen_signals(signals)
-    found = [ColumnName("time", "s")]
-    found += [ColumnName(SIGNALS[name][0].format(axis), SIGNALS[name][1]) for axis in axes for name in chosen]
-    if len({column.name for column in found}) < len(found):
+    columns = [ColumnName("time", "s")]
+    columns += [ColumnName(SIGNALS[name][0].format(axis), SIGNALS[name][1]) for axis in axes for name in chosen]
+    if len({column.name for column in columns}) < len(columns):
         raise BagError(
             f"axes {', '.join(axes)}: two columns would have one name; names such as time, r_x and i_x are not allowed "
             "beside x"
         )
-    return found
+    return columns
 
 
 def chosen_signals(signals: Collection[str], others: Collection[str] = ()) -> list[str]:

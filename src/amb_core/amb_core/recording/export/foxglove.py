@@ -60,9 +60,9 @@ def write_foxglove(telemetry: RunTelemetry, path: Path, topics: Collection[str] 
         for record in telemetry.batches() if messages.signals or spectra else ():
             if messages.signals:
                 _write_samples(file, messages, telemetry.run, record, gaps.get(record.first_step))
-            for found in spectra.add(record) if spectra else ():
-                last = found.step - 1
-                file.write_stored(SPECTRUM_TOPIC, messages.spectrum(file.time(last), found), last)
+            for spectrum in spectra.add(record) if spectra else ():
+                last = spectrum.step - 1
+                file.write_stored(SPECTRUM_TOPIC, messages.spectrum(file.time(last), spectrum), last)
         kinds = [REGION_STATE] * ("region" in chosen) + [SIMULATOR_STATE, BRIDGE_STATE] * ("status" in chosen)
         _write_states(file, telemetry, kinds)
 
@@ -86,9 +86,9 @@ def _write_samples(file: SampleFile, messages: AxisMessages, run: int, record: L
 
 def _write_states(file: SampleFile, telemetry: RunTelemetry, kinds: Collection[str]) -> None:
     known: set[str] = set()
-    for found in state_messages(telemetry, kinds):
-        topic = STATES[found.topic.type]
+    for state in state_messages(telemetry, kinds):
+        topic = STATES[state.topic.type]
         if topic not in known:
-            file.add_stored_topic(topic, found.topic)
+            file.add_stored_topic(topic, state.topic)
             known.add(topic)
-        file.write_stored(topic, found.data, found.step)
+        file.write_stored(topic, state.data, state.step)

@@ -66,12 +66,12 @@ def vector_of(model: StateSpaceModel, steps: int = STEPS) -> Vector:
     inputs = model.input_offset + random.normal(size=(steps, len(model.input_names)))
     noise = random.normal(size=(steps, len(model.output_names))) * np.sqrt(np.diag(model.innovation_covariance))
     measured = model.output_offset + noise
-    errors, found = [], []
+    errors, responses = [], []
     for followed in (None, measured):
-        found.append(_response(model, inputs, followed, np.float64))
+        responses.append(_response(model, inputs, followed, np.float64))
         exact = _response(model, inputs, followed, np.longdouble)
-        errors.append(np.abs(found[-1] - exact).max() / np.abs(exact).max())
-    return Vector(inputs, found[0], measured, found[1], float(np.nanmax([0.0, *errors])))
+        errors.append(np.abs(responses[-1] - exact).max() / np.abs(exact).max())
+    return Vector(inputs, responses[0], measured, responses[1], float(np.nanmax([0.0, *errors])))
 
 
 def c_texts(model: StateSpaceModel, name: str) -> dict[str, str]:
@@ -134,7 +134,7 @@ def rendered(template: str, values: Mapping[str, Any]) -> str:
 
 @functools.cache
 def _templates() -> jinja2.Environment:
-    found = jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("amb_core.recording.export"),
         trim_blocks=True,
         lstrip_blocks=True,
@@ -142,9 +142,9 @@ def _templates() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         autoescape=False,
     )
-    found.filters["quoted"] = quoteattr
-    found.filters["columnwise"] = lambda rows: [number for column in zip(*rows, strict=True) for number in column]
-    return found
+    environment.filters["quoted"] = quoteattr
+    environment.filters["columnwise"] = lambda rows: [number for column in zip(*rows, strict=True) for number in column]
+    return environment
 
 
 def _values(model: StateSpaceModel, name: str) -> dict[str, Any]:

@@ -115,15 +115,15 @@ def _write_regions(file: SampleFile, telemetry: RunTelemetry) -> None:
     from amb_core.recording.messages.region_state import region_state_from_message  # loads a compiler
 
     known: set[str] = set()
-    for found in state_messages(telemetry, [REGION_STATE]):
-        for axis in region_state_from_message(found.message).axes:
+    for state in state_messages(telemetry, [REGION_STATE]):
+        for axis in region_state_from_message(state.message).axes:
             numbers = {f"{EVIDENCE_TOPIC}/{axis.name}/{name}": float(getattr(axis, name)) for name in EVIDENCE}
             for topic, value in ({f"{REGION}/{axis.name}": int(axis.region)} | numbers).items():
                 kind = SMALL if isinstance(value, int) else NUMBER
                 if topic not in known:
                     file.add_topic(topic, kind)
                     known.add(topic)
-                file.write(topic, file.types.message(kind, value), found.step)
+                file.write(topic, file.types.message(kind, value), state.step)
 
 
 def _write_status(file: SampleFile, telemetry: RunTelemetry) -> None:
@@ -136,7 +136,7 @@ def _write_status(file: SampleFile, telemetry: RunTelemetry) -> None:
         lost += end - start
         file.write(MISSING, file.types.message(COUNT, lost), end)
     file.write(MISSING, file.types.message(COUNT, lost), stop)
-    for number, found in enumerate(state_messages(telemetry, MODES)):
+    for number, state in enumerate(state_messages(telemetry, MODES)):
         if not number:
             file.add_topic(MODE, SMALL)
-        file.write(MODE, file.types.message(SMALL, int(found.message.mode)), found.step)
+        file.write(MODE, file.types.message(SMALL, int(state.message.mode)), state.step)

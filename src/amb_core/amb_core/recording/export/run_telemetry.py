@@ -7,7 +7,7 @@ length of the recording: only blocks that were recorded before an earlier one wa
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,21 +15,20 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.errors import BagError
+from amb_core.ground.progress import Progress, unseen
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
 from amb_core.recording.bag_reader import BagApart, ReadMessage
 from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
 
-Progress = Callable[[str, int, int | None], None]
-"""Called now and then with the name of a stage, the steps done and those in all (None: not known)."""
 BATCH = 1 << 14
 """Most steps of a batch; with five axes a batch takes 2 MiB."""
 _REPORTED = 100  # blocks between two calls
 
 
 @dataclass
-class _Found:
+class _RunSurvey:
     """What the first reading found of a run."""
 
     axes: tuple[str, ...]
@@ -49,7 +48,7 @@ class RunTelemetry:
     start, end : float, optional
         Times of the run (s): samples from `start` up to, not including, `end`; by default all.
     progress : callable, optional
-        See `Progress`. None for no calls.
+        See `amb_core.ground.progress.Progress`. None for no calls.
 
     Attributes
     ----------
@@ -82,14 +81,14 @@ class RunTelemetry:
         progress: Progress | None = None,
     ) -> None:
         self.path = Path(path)
-        self._progress = progress or _unseen
+        self._progress = progress or unseen
         runs = self._survey()
         if run is not None and run not in runs:
             raise BagError(f"bag {self.path}: holds no run {run}; its runs: {', '.join(map(str, runs))}")
         self.run = next(reversed(runs)) if run is None else run
-        found = runs[self.run]
-        self.axes, self.sample_time = found.axes, found.sample_time
-        self.spans = self._within(found.coverage.spans, start, end)
+        survey = runs[self.run]
+        self.axes, self.sample_time = survey.axes, survey.sample_time
+        self.spans = self._within(survey.coverage.spans, start, end)
 
     @property
     def steps(self) -> int:
@@ -165,15 +164,15 @@ class RunTelemetry:
             self._definitions[message_type] = (encoding, text)
         return self._definitions[message_type]
 
-    def _survey(self) -> dict[int, _Found]:
+    def _survey(self) -> dict[int, _RunSurvey]:
         """What there is of each run, the run recorded last at the end."""
         self._reader = BagApart(self.path)
         self._definitions: dict[str, tuple[str, str]] = {}
-        found = self._reader.call("survey", [])
-        self.damage = found["damage"]
-        telemetry = {topic for topic, kind, _ in found["counts"] if kind == LOOP_SAMPLES}
-        others = {topic for topic, _, _ in found["counts"]} - telemetry
-        runs: dict[int, _Found] = {}
+        content = self._reader.call("survey", [])
+        self.damage = content["damage"]
+        telemetry = {topic for topic, kind, _ in content["counts"] if kind == LOOP_SAMPLES}
+        others = {topic for topic, _, _ in content["counts"]} - telemetry
+        runs: dict[int, _RunSurvey] = {}
         for number, message in enumerate(BagApart(self.path).messages(types=[LOOP_SAMPLES])):
             if number % _REPORTED == 0:
                 self._progress("reading", 0, None)
@@ -187,18 +186,18 @@ class RunTelemetry:
             )
         return runs
 
-    def _note(self, runs: dict[int, _Found], run: int, block: LoopRecord) -> None:
+    def _note(self, runs: dict[int, _RunSurvey], run: int, block: LoopRecord) -> None:
         if not block.steps:
             return
-        found = runs.pop(run, None) or _Found(block.axes, block.sample_time)
-        runs[run] = found  # now the last one
-        if (block.axes, block.sample_time) != (found.axes, found.sample_time):
+        known = runs.pop(run, None) or _RunSurvey(block.axes, block.sample_time)
+        runs[run] = known  # now the last one
+        if (block.axes, block.sample_time) != (known.axes, known.sample_time):
             raise BagError(
                 f"bag {self.path}, run {run}: axes or sample time change at step {block.first_step}, from "
-                f"{', '.join(found.axes)} at {found.sample_time:g} s to {', '.join(block.axes)} at "
+                f"{', '.join(known.axes)} at {known.sample_time:g} s to {', '.join(block.axes)} at "
                 f"{block.sample_time:g} s"
             )
-        found.coverage.add(block.first_step, block.steps)
+        known.coverage.add(block.first_step, block.steps)
 
     def _decoded(self, message: ReadMessage) -> tuple[int, LoopRecord]:
         try:
@@ -271,7 +270,3 @@ def _joined(parts: list[LoopRecord]) -> LoopRecord:
         np.concatenate([getattr(part, name) for part in parts]) for name in ("reference", "position", "current")
     )
     return LoopRecord(parts[0].first_step, parts[0].sample_time, reference, position, current, parts[0].axes)
-
-
-def _unseen(stage: str, done: int, total: int | None) -> None:
-    """No progress is shown."""

@@ -93,7 +93,7 @@ class RunSpectra:
 
     def _spectrum(self, step: int) -> Spectrum:
         assert self._running is not None
-        found = Spectrum(step, self._running.frequency, self._running.amplitude())
-        highest = found.amplitude if self.peak is None else np.fmax(self.peak.amplitude, found.amplitude)
-        self.peak = Spectrum(step, found.frequency, highest)
-        return found
+        spectrum = Spectrum(step, self._running.frequency, self._running.amplitude())
+        highest = spectrum.amplitude if self.peak is None else np.fmax(self.peak.amplitude, spectrum.amplitude)
+        self.peak = Spectrum(step, spectrum.frequency, highest)
+        return spectrum

@@ -112,10 +112,10 @@ def find_evidence(records: Sequence[LoopRecord], window: Sequence[LoopRecord] | 
     distortion, coherence, problem, coherence_problem = None, None, "", ""
     try:
         distortion = measure_recorded(records)
-    except SpectrumError as found:
-        problem = str(found)
+    except SpectrumError as reason:
+        problem = str(reason)
     try:
         coherence = measure_coherence(periodic_once(records if window is None else window))
-    except SpectrumError as found:
-        coherence_problem = str(found)
+    except SpectrumError as reason:
+        coherence_problem = str(reason)
     return Evidence(distortion, coherence, problem, coherence_problem)

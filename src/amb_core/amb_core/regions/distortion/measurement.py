@@ -116,20 +116,15 @@ def distortion_of(
         If there are too few periods, a value is not finite, or neither method can be used.
     """
     _check(experiments)
-    position = [_amplitudes(item.position) for item in experiments]  # of each experiment: period, line, axis
-    mean = np.stack([lines_of_it.mean(axis=0) for lines_of_it in position])
-    noise = np.mean([part.var(axis=0, ddof=1) / len(part) for part in position], axis=0)
-    period_noise = np.mean([part.var(axis=0, ddof=1) for part in position], axis=0)
-    current = np.stack([_amplitudes(item.current).mean(axis=0) for item in experiments])
-    reference = np.stack([_amplitudes(item.reference) for item in experiments])
-
+    averages = _averages(experiments)
+    mean, noise = averages.position, averages.noise
     at = lines.excited
     each = sum(  # of the distortion, for every experiment: at the lines that are not excited, and below at the others
         (np.abs(mean[:, kind]) ** 2).sum(axis=1) - noise[kind].sum(axis=0) for kind in (lines.odd, lines.even)
     )
     together = np.concatenate([item.reference for item in experiments])
     moving = np.ptp(together, axis=0) > 0.0
-    r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (reference[..., moving], mean, current))
+    r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (averages.reference[..., moving], mean, averages.current))
     directions = _directions(together[:, moving])
     independent = len(directions) == r.shape[1]
     if not independent:  # some references move only together, as those of a rigid mode do
@@ -139,31 +134,21 @@ def distortion_of(
     method: Method = "robust" if by_lines and len(experiments) > columns else "fast"
     complete = method == "robust" or _shows_all(lines)
     odd, even = ((np.abs(mean[:, kind]) ** 2).mean(axis=0) - noise[kind] for kind in (lines.odd, lines.even))
-    left = np.zeros((len(at), y.shape[1]))
-    if by_lines:
-        weights = np.linalg.inv(r @ _conjugate(r))
-        opened = _conjugate(r) @ weights
-        closed_loop, to_current = y @ opened, u @ opened
-    else:
-        fit = fit_between_lines(at, r, np.concatenate([y, u], axis=1))
-        closed_loop, to_current = fit.response[:, : y.shape[1]], fit.response[:, y.shape[1] :]
-        weights, left = fit.weights, np.diagonal(fit.noise, axis1=1, axis2=2).real[:, : y.shape[1]]
+    best = _approximation(at, r, y, u, by_lines)
+    closed_loop = best.closed_loop
     if method == "robust":
-        fitted = closed_loop @ r
-        response = (np.abs(fitted) ** 2).mean(axis=-1)
-        spread = (np.abs(y - fitted) ** 2).sum(axis=-1) / (len(experiments) - columns)
-        stochastic = spread - noise[at]
-        left_over = len(experiments) / (len(experiments) - columns)
-        each = each + (left_over * np.abs(y - fitted) ** 2).sum(axis=0).T - noise[at].sum(axis=0)
+        powers = _by_realisations(closed_loop @ r, y, noise[at], columns)
+        each = each + powers.each - noise[at].sum(axis=0)
     else:
         stochastic = _beside(lines, odd, even) if complete else np.zeros((len(at), y.shape[1]))
-        spread = np.maximum(stochastic, 0.0) + noise[at]
-        response = np.maximum((np.abs(y) ** 2).mean(axis=-1) - spread, 0.0)
+        powers = _by_lines_beside(stochastic, y, noise[at])
+    response, stochastic = powers.response, powers.stochastic
     total = response.sum(axis=0)
     total = np.where(moving & (total > 0.0), total, np.nan)
     of_odd, of_even = odd.sum(axis=0) + stochastic.sum(axis=0), even.sum(axis=0)
     separate = 1.0 if only_odd(lines) else np.nan
-    variance = np.maximum(spread, left)[:, :, np.newaxis] * np.einsum("lii->li", weights).real[:, np.newaxis, :]
+    error = np.maximum(powers.spread, best.left)
+    variance = error[:, :, np.newaxis] * np.einsum("lii->li", best.weights).real[:, np.newaxis, :]
     unknown = np.full_like(y[..., :1] * moving, np.nan)
     every: NDArray[np.float64] = np.arange(lines.steps) / (lines.steps * sample_time)
     last = max(int(part[-1]) for part in (lines.excited, lines.odd, lines.even) if len(part))
@@ -174,7 +159,7 @@ def distortion_of(
         even_frequency=every[lines.even],
         closed_loop=_spread_out(closed_loop, moving) if independent else unknown,
         deviation=_spread_out(np.sqrt(variance), moving) if independent else unknown.real,
-        plant=closed_loop @ _inverse(to_current) if moving.all() and independent else unknown,
+        plant=closed_loop @ _inverse(best.to_current) if moving.all() and independent else unknown,
         linear=np.sqrt(response),
         stochastic=_root(stochastic),
         odd=_root(odd),
@@ -184,7 +169,7 @@ def distortion_of(
         upper_ratio=_root((of_odd + of_even + _beyond_mean(np.asarray(each), columns)) / total),
         odd_ratio=separate * _root(of_odd / total) if complete else np.full_like(total, np.nan),
         even_ratio=separate * _root(of_even / total),
-        noise_ratio=np.sqrt(period_noise[1 : last + 1].sum(axis=0) / total),
+        noise_ratio=np.sqrt(averages.period_noise[1 : last + 1].sum(axis=0) / total),
         method=method,
         complete=complete,
         experiments=len(experiments),
@@ -203,6 +188,87 @@ def _beyond_mean(power: Values, together: int) -> Values:
         return np.full(power.shape[1], np.nan)
     means = power[: count * together].reshape(count, together, -1).mean(axis=1)
     return np.asarray(special.stdtrit(count - 1, CONFIDENCE) * means.std(axis=0, ddof=1) / np.sqrt(count))
+
+
+@dataclass(frozen=True)
+class _Averages:
+    """Amplitudes of all experiments, shape (experiments, lines, axes), and the power of the noise, (lines, axes).
+
+    Those of position and current are means over the periods; `noise` is that of these means, `period_noise` that of a
+    single period.
+    """
+
+    reference: NDArray[np.complex128]
+    current: NDArray[np.complex128]
+    position: NDArray[np.complex128]
+    noise: Values
+    period_noise: Values
+
+
+def _averages(experiments: Sequence[PeriodicResponse]) -> _Averages:
+    position = [_amplitudes(item.position) for item in experiments]  # of each experiment: period, line, axis
+    return _Averages(
+        reference=np.stack([_amplitudes(item.reference) for item in experiments]),
+        current=np.stack([_amplitudes(item.current).mean(axis=0) for item in experiments]),
+        position=np.stack([periods.mean(axis=0) for periods in position]),
+        noise=np.mean([periods.var(axis=0, ddof=1) / len(periods) for periods in position], axis=0),
+        period_noise=np.mean([periods.var(axis=0, ddof=1) for periods in position], axis=0),
+    )
+
+
+@dataclass(frozen=True)
+class _Approximation:
+    """Best linear approximations T and S at the excited lines, the weights of their errors, and what a fit leaves."""
+
+    closed_loop: NDArray[np.complex128]
+    to_current: NDArray[np.complex128]
+    weights: NDArray[np.complexfloating]
+    left: Values
+
+
+def _approximation(
+    at: NDArray[np.int_],
+    r: NDArray[np.complex128],
+    y: NDArray[np.complex128],
+    u: NDArray[np.complex128],
+    by_lines: bool,
+) -> _Approximation:
+    """From amplitudes of shape (lines, signals, experiments), line by line or by a fit over neighbouring lines."""
+    if by_lines:
+        weights = np.linalg.inv(r @ _conjugate(r))
+        opened = _conjugate(r) @ weights
+        return _Approximation(y @ opened, u @ opened, weights, np.zeros((len(at), y.shape[1])))
+    fit = fit_between_lines(at, r, np.concatenate([y, u], axis=1))
+    left = np.diagonal(fit.noise, axis1=1, axis2=2).real[:, : y.shape[1]]
+    return _Approximation(fit.response[:, : y.shape[1]], fit.response[:, y.shape[1] :], fit.weights, left)
+
+
+@dataclass(frozen=True)
+class _Powers:
+    """At the excited lines, shape (lines, axes): linear response, what differs from it, and the distortion in that.
+
+    `each` is the power that differs in every experiment, noise included, shape (experiments, axes), where it is known.
+    """
+
+    response: Values
+    spread: Values
+    stochastic: Values
+    each: Values | float = 0.0
+
+
+def _by_realisations(fitted: NDArray[np.complex128], y: NDArray[np.complex128], noise: Values, columns: int) -> _Powers:
+    """Robust method: what differs between realisations of the reference is noise and distortion."""
+    experiments = y.shape[-1]
+    spread = (np.abs(y - fitted) ** 2).sum(axis=-1) / (experiments - columns)
+    left_over = experiments / (experiments - columns)
+    each = (left_over * np.abs(y - fitted) ** 2).sum(axis=0).T
+    return _Powers((np.abs(fitted) ** 2).mean(axis=-1), spread, spread - noise, each)
+
+
+def _by_lines_beside(stochastic: Values, y: NDArray[np.complex128], noise: Values) -> _Powers:
+    """Fast method: distortions at an excited line have the power that they have beside it."""
+    spread = np.maximum(stochastic, 0.0) + noise
+    return _Powers(np.maximum((np.abs(y) ** 2).mean(axis=-1) - spread, 0.0), spread, stochastic)
 
 
 def _check(experiments: Sequence[PeriodicResponse]) -> None:
@@ -294,5 +360,5 @@ def _amplitudes(signal: NDArray[np.float64]) -> NDArray[np.complex128]:
 
 
 def _root(power: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Square root; zero where less was found than the noise lets expect."""
+    """Square root; zero where there is less power than the noise alone has."""
     return np.sqrt(np.maximum(power, 0.0))

@@ -93,7 +93,7 @@ def without_repetitions(responses: Sequence[PeriodicResponse]) -> list[PeriodicR
         spectrum = np.fft.rfft(item.reference - item.reference.mean(axis=0), axis=0)
         spectrum /= np.sqrt(np.sum(np.fft.irfft(spectrum, len(item.reference), axis=0) ** 2))
         correlations = (np.fft.irfft((spectrum * other.conj()).sum(axis=1), len(item.reference)) for other in spectra)
-        if all(np.max(np.abs(found)) < _REPEATED for found in correlations):
+        if all(np.max(np.abs(correlation)) < _REPEATED for correlation in correlations):
             kept.append(item)
             spectra.append(spectrum)
     return kept
@@ -132,9 +132,9 @@ def _parts(index: int, reference: Signal, period: int) -> list[PeriodicPart]:
     tolerance = _SAME * np.ptp(reference, axis=0).max()
     same = np.all(np.abs(reference[period:] - reference[:-period]) <= tolerance, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
-    found = []
+    parts = []
     for start, stop in edges:
         periods = int(stop - start) // period + 1
         if periods >= 2 and np.ptp(reference[start : start + period], axis=0).max() > tolerance:
-            found.append(PeriodicPart(index, int(start), periods))
-    return found
+            parts.append(PeriodicPart(index, int(start), periods))
+    return parts

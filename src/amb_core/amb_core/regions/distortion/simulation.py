@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from amb_core.ground.errors import SpectrumError
+from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.simulation import simulate_first_bearing
@@ -20,7 +21,7 @@ def simulate_distortion(
     plant: PlantParameters,
     controller: ControllerParameters,
     settings: DistortionSettings,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     realisations: Sequence[int] | None = None,
 ) -> Distortion:
     """Simulate the experiments and measure the distortions.
@@ -32,7 +33,7 @@ def simulate_distortion(
     settings : DistortionSettings
         The multisines.
     progress : callable, optional
-        Called as progress(done, total) before the first and after every experiment. None for no calls.
+        Called before the first and after every experiment, see `amb_core.ground.progress.Progress`. None for no calls.
     realisations : sequence of int, optional
         Numbers of the realisations; by default the first ones, as many as the settings say.
 
@@ -58,10 +59,10 @@ def simulate_distortion(
         responses.append([])
         for experiment in range(experiments):
             if progress is not None:
-                progress(place * experiments + experiment, total)
+                progress("experiments", place * experiments + experiment, total)
             responses[-1].append(_respond(bearing, controller, settings, lines, realisation, experiment))
     if progress is not None:
-        progress(total, total)
+        progress("experiments", total, total)
     return measure_distortion(responses, lines, bearing.sample_time)
 
 

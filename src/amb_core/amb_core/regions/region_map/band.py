@@ -59,12 +59,12 @@ class BoundaryBand:
         return int(np.sum(np.abs(self.ratio - 1.0) > MOVED)) + self.only_first + self.only_second
 
 
-def sweep_and_dwell(found: RegionMap) -> list[BoundaryBand]:
+def sweep_and_dwell(region_map: RegionMap) -> list[BoundaryBand]:
     """Boundaries in the sweeps of a map (first) and under fixed sines (second), where both are determined.
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         A region map.
 
     Returns
@@ -72,23 +72,23 @@ def sweep_and_dwell(found: RegionMap) -> list[BoundaryBand]:
     list of BoundaryBand
         Pairs of frequencies; none if the map was not confirmed.
     """
-    confirmation = found.confirmation
+    confirmation = region_map.confirmation
     if confirmation is None:
         return []
     return _bands(
         (region, sweep.amplitude, _swept(sweep, region), dwell)
         for region in BOUNDARIES
-        for sweep in found.sweeps
+        for sweep in region_map.sweeps
         if (dwell := confirmation.frequency(region, sweep.amplitude)) is not None
     )
 
 
-def below_and_above(found: RegionMap) -> list[BoundaryBand]:
+def below_and_above(region_map: RegionMap) -> list[BoundaryBand]:
     """Boundaries under fixed sines that were approached from below (first) and above (second), where both are known.
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         A region map.
 
     Returns
@@ -96,14 +96,14 @@ def below_and_above(found: RegionMap) -> list[BoundaryBand]:
     list of BoundaryBand
         Pairs of frequencies; none if the map was not confirmed.
     """
-    confirmation = found.confirmation
+    confirmation = region_map.confirmation
     if confirmation is None:
         return []
     sides: tuple[Direction, Direction] = ("below", "above")
     pairs = [
         (region, sweep.amplitude, [confirmation.dwell(region, sweep.amplitude, side) for side in sides])
         for region in BOUNDARIES
-        for sweep in found.sweeps
+        for sweep in region_map.sweeps
     ]
     return _bands(
         (region, amplitude, pair[0].frequency, pair[1].frequency)
@@ -112,12 +112,12 @@ def below_and_above(found: RegionMap) -> list[BoundaryBand]:
     )
 
 
-def two_rates(found: RegionMap) -> list[BoundaryBand]:
+def two_rates(region_map: RegionMap) -> list[BoundaryBand]:
     """Boundaries in the sweeps of a map (first) and in those at the other rate (second).
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         A region map.
 
     Returns
@@ -125,7 +125,7 @@ def two_rates(found: RegionMap) -> list[BoundaryBand]:
     list of BoundaryBand
         Pairs of frequencies; none if the map was not confirmed.
     """
-    confirmation = found.confirmation
+    confirmation = region_map.confirmation
     if confirmation is None:
         return []
     other = {sweep.amplitude: sweep for sweep in confirmation.sweeps}
@@ -137,12 +137,12 @@ def two_rates(found: RegionMap) -> list[BoundaryBand]:
             _swept(other[sweep.amplitude], region),
         )
         for region in BOUNDARIES
-        for sweep in found.sweeps
+        for sweep in region_map.sweeps
         if sweep.amplitude in other
     )
 
 
-def confirmation_warnings(found: RegionMap) -> list[str]:
+def confirmation_warnings(region_map: RegionMap) -> list[str]:
     """Boundaries of a confirmed map that its sweeps alone do not settle, as sentences.
 
     They move by more than 10 % with the rate of the sweeps, from the sweeps to fixed sines (the limit of slow sweeps),
@@ -150,7 +150,7 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         A region map.
 
     Returns
@@ -158,14 +158,14 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
     list of str
         Sentences; none if the map was not confirmed.
     """
-    if found.confirmation is None:
+    if region_map.confirmation is None:
         return []
-    here = sweep_rate_text(found)
-    other = sweep_rate_text(found, found.confirmation.settings.rate_factor)
+    here = sweep_rate_text(region_map)
+    other = sweep_rate_text(region_map, region_map.confirmation.settings.rate_factor)
     compared = (
-        (two_rates(found), f"depends on the rate of the sweeps: from {here} to {other}"),
-        (sweep_and_dwell(found), f"differs under fixed sines: from sweeps of {here} to fixed sines"),
-        (below_and_above(found), "depends on the direction: from fixed sines from below to those from above"),
+        (two_rates(region_map), f"depends on the rate of the sweeps: from {here} to {other}"),
+        (sweep_and_dwell(region_map), f"differs under fixed sines: from sweeps of {here} to fixed sines"),
+        (below_and_above(region_map), "depends on the direction: from fixed sines from below to those from above"),
     )
     return [
         f"{band.region.name} {what} it {', '.join(_movement(band))}"
@@ -175,12 +175,12 @@ def confirmation_warnings(found: RegionMap) -> list[str]:
     ]
 
 
-def sweep_rate_text(found: RegionMap, factor: float = 1.0) -> str:
+def sweep_rate_text(region_map: RegionMap, factor: float = 1.0) -> str:
     """The rate of the sweeps of a map, multiplied by a factor, as text.
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         A region map.
     factor : float, optional
         Factor on the rate (-).
@@ -190,7 +190,7 @@ def sweep_rate_text(found: RegionMap, factor: float = 1.0) -> str:
     str
         Rate, or rates at the first and last frequency, in Hz/s.
     """
-    settings = found.settings if factor == 1.0 else found.settings.at_rate(factor)
+    settings = region_map.settings if factor == 1.0 else region_map.settings.at_rate(factor)
     start, end = (settings.sweep_rate(edge) for edge in (settings.frequency_start, settings.frequency_end))
     return f"{start:.4g} Hz/s" if start == end else f"{start:.3g} to {end:.3g} Hz/s"
 
@@ -220,11 +220,11 @@ def _swept(sweep: MapSweep, region: Region) -> float:
 
 def _bands(rows: Iterable[tuple[Region, float, float, float]]) -> list[BoundaryBand]:
     """Bands of the boundaries that occur, from rows of region, amplitude and two frequencies (infinite: none)."""
-    found: dict[Region, list[tuple[float, float, float]]] = {}
+    by_region: dict[Region, list[tuple[float, float, float]]] = {}
     for region, amplitude, first, second in rows:
         if math.isfinite(first) or math.isfinite(second):
-            found.setdefault(region, []).append((amplitude, first, second))
+            by_region.setdefault(region, []).append((amplitude, first, second))
     return [
         BoundaryBand(region, *np.where(np.isfinite(values := np.array(rows_).T), values, np.nan))
-        for region, rows_ in found.items()
+        for region, rows_ in by_region.items()
     ]

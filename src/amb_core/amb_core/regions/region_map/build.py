@@ -245,8 +245,7 @@ def _checked(settings: MapSettings, plant: PlantParameters, controller: Controll
             "along y only; allowed: y"
         )
     reach = max(
-        math.hypot(*(factor for axis, factor in zip(machine.axes, factors, strict=True) if axis.bearing == each.name))
-        for each in machine.bearings
+        math.hypot(*(factors[column] for column in machine.columns_of(bearing.name))) for bearing in machine.bearings
     )
     clearance = plant.rotor.backup_bearing_radius
     if settings.amplitude_high * reach >= clearance:

@@ -54,14 +54,14 @@ class AnalyticLine:
         """
         beyond = self.amplitude[None, :] <= amplitude[:, None]
         first = np.argmax(beyond, axis=1)
-        found = np.full(len(amplitude), math.nan)
+        lowest = np.full(len(amplitude), math.nan)
         for row in np.flatnonzero(first > 0):
             right = first[row]
             ends = slice(right - 1, right + 1)
-            found[row] = np.exp(
+            lowest[row] = np.exp(
                 np.interp(-math.log(amplitude[row]), -np.log(self.amplitude[ends]), np.log(self.frequency[ends]))
             )
-        return found
+        return lowest
 
 
 @dataclass(frozen=True)

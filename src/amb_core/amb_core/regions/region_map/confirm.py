@@ -25,7 +25,7 @@ from amb_core.regions.region_map.sweep_run import SweepTask
 
 
 def confirm_map(
-    found: RegionMap,
+    region_map: RegionMap,
     plant: PlantParameters,
     controller: ControllerParameters,
     regions: RegionParameters | None = None,
@@ -45,7 +45,7 @@ def confirm_map(
 
     Parameters
     ----------
-    found : RegionMap
+    region_map : RegionMap
         The map; a confirmation that it already has is replaced.
     plant, controller : PlantParameters, ControllerParameters
         The loop that the map was made with.
@@ -80,7 +80,9 @@ def confirm_map(
     PlantError
         If the plant cannot be built.
     """
-    work = _Work(found, plant, controller, regions, settings or ConfirmationSettings(), progress or (lambda _: None))
+    work = _Work(
+        region_map, plant, controller, regions, settings or ConfirmationSettings(), progress or (lambda _: None)
+    )
     work.report()
     run(
         work.first_requests(),
@@ -166,24 +168,24 @@ class _Work:
 
     def __init__(
         self,
-        found: RegionMap,
+        region_map: RegionMap,
         plant: PlantParameters,
         controller: ControllerParameters,
         regions: RegionParameters | None,
         settings: ConfirmationSettings,
         progress: Callable[[MapProgress], None],
     ) -> None:
-        self._found, self._settings, self._progress = found, settings, progress
-        self._job = MapJob(found.settings, plant, controller, regions)
+        self._map, self._settings, self._progress = region_map, settings, progress
+        self._job = MapJob(region_map.settings, plant, controller, regions)
         self._highest = 0.5 * controller.sample_rate
         self._searches = [
-            _BoundaryWork(sweep, region, found.settings)
-            for sweep in found.sweeps
+            _BoundaryWork(sweep, region, region_map.settings)
+            for sweep in region_map.sweeps
             for region in sorted({Region.B, *sweep.boundaries})
         ]
-        other = found.settings.at_rate(settings.rate_factor)
+        other = region_map.settings.at_rate(settings.rate_factor)
         self._sweep_tasks = [
-            replace(self._job.task(sweep.amplitude), sweep=other.sweep(sweep.amplitude)) for sweep in found.sweeps
+            replace(self._job.task(sweep.amplitude), sweep=other.sweep(sweep.amplitude)) for sweep in region_map.sweeps
         ]
         self._sweeps: dict[float, MapSweep] = {}
         self._done, self._reused = 0, 0
@@ -207,7 +209,7 @@ class _Work:
         dwells.sort(key=lambda one: (one.amplitude, one.region, DIRECTIONS.index(one.direction)))
         sweeps = tuple(self._sweeps[amplitude] for amplitude in sorted(self._sweeps))
         complete = len(sweeps) == len(self._sweep_tasks) and not any(search.remaining for search in self._searches)
-        return replace(self._found, confirmation=Confirmation(self._settings, tuple(dwells), sweeps, complete))
+        return replace(self._map, confirmation=Confirmation(self._settings, tuple(dwells), sweeps, complete))
 
     def _next(self, search: _BoundaryWork) -> list[Request[Any]]:
         frequency = search.frequency

@@ -108,8 +108,8 @@ class Confirmation:
         float or None
             Frequency (Hz).
         """
-        found = [self.dwell(region, amplitude, direction) for direction in DIRECTIONS]
-        return min((one.frequency for one in found if one is not None and one.reached), default=None)
+        dwells = [self.dwell(region, amplitude, direction) for direction in DIRECTIONS]
+        return min((one.frequency for one in dwells if one is not None and one.reached), default=None)
 
 
 def confirmation_to_json(confirmation: Confirmation) -> dict[str, Any]:

@@ -142,11 +142,11 @@ def run_dwell(task: DwellTask) -> Dwell:
         started = task.start == task.frequency or record.steps > rest + ramp
         return Dwell(task.frequency, Region.D, started, 0.0, record.steps)
     known = np.concatenate([np.full(rest, task.start), frequency])
-    found = classify(record, loop.regions, machine=plant.machine, delevitated=False, frequency=known)
+    classification = classify(record, loop.regions, machine=plant.machine, delevitated=False, frequency=known)
     settled = rest + 2 * ramp + hold // 2
     displacement, drifted = _displacement(record, slice(rest // 2, rest), settled, task)
     region = Region.B if drifted else Region.A
-    if _oscillates(found, settled):
+    if _oscillates(classification, settled):
         region = Region.C
     return Dwell(task.frequency, region, True, displacement, record.steps)
 
@@ -194,5 +194,5 @@ def _displacement(record: LoopRecord, at_rest: slice, settled: int, task: DwellT
     return float(distance.max()), bool(np.any((distance >= regions.drift_threshold) & outside_bandwidth))
 
 
-def _oscillates(found: Classification, settled: int) -> bool:
-    return any(state.step >= settled and state.region == Region.C for state in found.states)
+def _oscillates(classification: Classification, settled: int) -> bool:
+    return any(state.step >= settled and state.region == Region.C for state in classification.states)

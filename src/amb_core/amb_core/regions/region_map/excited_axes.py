@@ -15,5 +15,5 @@ def axes_of_first_bearing(axes: str, machine: Machine) -> str:
     if axes not in _OF_ONE_BEARING or set(_OF_ONE_BEARING[axes]) <= set(machine.axis_names):
         return axes
     wanted = [DIRECTIONS[name] for name in _OF_ONE_BEARING[axes]]
-    first = [axis for axis in machine.axes if axis.bearing == machine.bearings[0].name]
+    first = [machine.axes[column] for column in machine.columns_of(machine.bearings[0].name)]
     return ",".join(axis.name for axis in first if axis.direction in wanted) or axes

@@ -72,8 +72,8 @@ def sweep_from_json(entry: dict[str, Any]) -> MapSweep:
     return MapSweep(
         float(entry["amplitude"]),
         {
-            Region[name]: Boundary(float(found["frequency"]), bool(found["resonance"]))
-            for name, found in entry["boundaries"].items()
+            Region[name]: Boundary(float(boundary["frequency"]), bool(boundary["resonance"]))
+            for name, boundary in entry["boundaries"].items()
         },
         tuple((float(low), float(high)) for low, high in beats),
         float(entry["highest_frequency"]),

@@ -109,9 +109,9 @@ class Refinement:
             return []
         sweeps = [self._results[self._amplitude(place)] for place in known]
         logarithm = np.log([sweep.amplitude for sweep in sweeps])
-        found = RegionMap(self._settings, tuple(sweeps))
+        region_map = RegionMap(self._settings, tuple(sweeps))
         uncertainty = np.max(
-            [_uncertainty(logarithm, np.log(found.frequencies(region))) for region in BOUNDARIES], axis=0
+            [_uncertainty(logarithm, np.log(region_map.frequencies(region))) for region in BOUNDARIES], axis=0
         )
         narrow = np.diff(logarithm) <= math.log1p(self._settings.resolution)
         return [

@@ -149,35 +149,10 @@ class RegionMap:
         frequency, amplitude = np.broadcast_arrays(
             np.asarray(frequency, dtype=np.float64), np.asarray(amplitude, dtype=np.float64)
         )
-        found = np.full(frequency.shape, int(Region.A))
+        regions = np.full(frequency.shape, int(Region.A))
         for region in BOUNDARIES:
-            found[frequency >= self.boundary(region, amplitude, side)] = int(region)
-        return found
-
-    def linear_limit(self, frequency: ArrayLike, side: Side = "sweep") -> NDArray[np.float64]:
-        """Largest amplitude (m) up to which every smaller one runs in region A at a frequency (Hz).
-
-        Between the sweeps it is interpolated as in `boundary`. It is 0 if not even the smallest amplitude of the map is
-        in A, and the largest amplitude of the map if all are.
-
-        Parameters
-        ----------
-        frequency : array_like, shape (n,) or ()
-            Frequencies (Hz).
-        side : Side, optional
-            See `Side`.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Amplitudes (m).
-        """
-        frequency = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
-        grid = np.geomspace(self.amplitudes[0], self.amplitudes[-1], max(2, 40 * len(self.sweeps)))
-        first = np.min([self.boundary(region, grid, side) for region in BOUNDARIES], axis=0)
-        linear = frequency[:, None] < np.minimum.accumulate(first)[None, :]
-        count = linear.sum(axis=1)
-        return np.where(count > 0, grid[np.maximum(count - 1, 0)], 0.0)
+            regions[frequency >= self.boundary(region, amplitude, side)] = int(region)
+        return regions
 
     def save(self, path: str | Path) -> None:
         """Write the map as JSON; an existing file stays unchanged until the new one is complete.

@@ -93,21 +93,25 @@ def run_sweep(task: SweepTask) -> MapSweep:
         )
     assert signal.frequency is not None
     frequency = np.concatenate([np.full(rest, task.sweep.frequency_start), signal.frequency])[: record.steps]
-    found = classify(record, task.regions, machine=plant.machine, delevitated=plant.delevitated, frequency=frequency)
+    classification = classify(
+        record, task.regions, machine=plant.machine, delevitated=plant.delevitated, frequency=frequency
+    )
     return MapSweep(
         amplitude=task.sweep.amplitude,
-        boundaries={region: Boundary(onset.input_frequency, onset.resonance) for region, onset in found.onsets.items()},
-        beats=_beats(found, frequency),
+        boundaries={
+            region: Boundary(onset.input_frequency, onset.resonance) for region, onset in classification.onsets.items()
+        },
+        beats=_beats(classification, frequency),
         highest_frequency=float(frequency[-1]),
         steps=record.steps,
     )
 
 
-def _beats(found: Classification, frequency: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+def _beats(classification: Classification, frequency: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
     """Spans of the input frequency (Hz) over which an axis beat with the sample rate."""
-    beating = [state.sampling_beat for state in found.states]
+    beating = [state.sampling_beat for state in classification.states]
     edges = np.flatnonzero(np.diff([False, *beating, False]))
-    steps = [min(state.step, len(frequency) - 1) for state in found.states]
+    steps = [min(state.step, len(frequency) - 1) for state in classification.states]
     return tuple(
         (float(frequency[steps[first]]), float(frequency[steps[last - 1]]))
         for first, last in zip(edges[::2], edges[1::2], strict=True)

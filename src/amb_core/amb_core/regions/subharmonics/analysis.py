@@ -85,12 +85,7 @@ def analyse(
     """
     block, periods = block_periods(settings, record.sample_time)
     start = first_step - record.first_step
-    if start < 0:
-        raise SpectrumError(f"the record begins at step {record.first_step}, after the tones, step {first_step}")
-    position = record.position[start:, 0 if settings.axis == "x" else 1]
-    if not np.isfinite(position).all():
-        step = first_step + int(np.argmin(np.isfinite(position)))
-        raise SpectrumError(f"position {settings.axis} at step {step} is not finite")
+    position = _excited(record, settings, first_step)
     count = len(position) // block
     wanted = settings.agreeing_blocks
     if count < wanted and not delevitated:
@@ -129,6 +124,18 @@ def analyse(
         block_bias=blocks.bias,
         block_change=np.array([blocks.change(index - 1, 2)[0] if index else np.nan for index in range(count)]),
     )
+
+
+def _excited(record: LoopRecord, settings: SubharmonicSettings, first_step: int) -> NDArray[np.float64]:
+    """Positions (m) of the axis of the settings, shape (steps,), from the step at which the tones are there."""
+    start = first_step - record.first_step
+    if start < 0:
+        raise SpectrumError(f"the record begins at step {record.first_step}, after the tones, step {first_step}")
+    position = record.position[start:, 0 if settings.axis == "x" else 1]
+    if not np.isfinite(position).all():
+        step = first_step + int(np.argmin(np.isfinite(position)))
+        raise SpectrumError(f"position {settings.axis} at step {step} is not finite")
+    return position
 
 
 def block_periods(settings: SubharmonicSettings, sample_time: float) -> tuple[int, tuple[int, int, int]]:
@@ -190,8 +197,8 @@ def _content(
     amplitude = np.abs(transform)
     resolution = 1.0 / (len(window) * sample_time)
     lines = tuple(
-        Line(place * blocks * resolution, complex(transform[place * blocks]), found)
-        for place, found in products.items()
+        Line(place * blocks * resolution, complex(transform[place * blocks]), candidates)
+        for place, candidates in products.items()
         if place > 0
     )
     power = 0.5 * amplitude**2

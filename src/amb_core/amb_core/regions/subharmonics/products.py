@@ -60,15 +60,15 @@ def products_by_bin(periods: tuple[int, int, int], block: int, order: int) -> di
         From bin 0 (0 Hz) to `block // 2`; in each bin the products in order, of equal order the unfolded first.
     """
     ranges = [range(-order, order + 1) if count else range(1) for count in periods]
-    found: dict[int, list[Product]] = defaultdict(list)
+    by_bin: dict[int, list[Product]] = defaultdict(list)
     for a, b, c in pairs(*ranges):
         if (a, b, c) <= (0, 0, 0) or abs(a) + abs(b) + abs(c) > order:
             continue  # a product and its negative are the same line: only one of them counts
         cycles = a * periods[0] + b * periods[1] + c * periods[2]
         folds = (2 * cycles + block) // (2 * block)  # nearest whole number, exact
         place = cycles - folds * block
-        found[abs(place)].append(Product(a, b, c, folds) if place >= 0 else Product(-a, -b, -c, -folds))
+        by_bin[abs(place)].append(Product(a, b, c, folds) if place >= 0 else Product(-a, -b, -c, -folds))
     return {
         place: tuple(sorted(products, key=lambda item: (item.order, abs(item.folds), abs(item.c))))
-        for place, products in sorted(found.items())
+        for place, products in sorted(by_bin.items())
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.errors import TaskError
+from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -30,7 +30,7 @@ def subharmonic_surface(
     cache: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> SubharmonicSurface:
     """Run the subharmonic test with every inducing tone of the surface.
 
@@ -49,7 +49,7 @@ def subharmonic_surface(
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called with the number of runs done and of all, at the start and after each. None for no calls.
+        Called at the start and after each run, see `amb_core.ground.progress.Progress`. None for no calls.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def subharmonic_surface(
         check(plant, controller, test)
     tasks = {(i, j): PointTask(plant, controller, test) for i, row in enumerate(tests) for j, test in enumerate(row)}
     kept = ResultCache(cache or cache_folder("subharmonics"))
-    points = _run(tasks, kept, scheduler, workers, progress or (lambda done, total: None))
+    points = _run(tasks, kept, scheduler, workers, progress or unseen)
     return _surface(settings, surface, tests, points)
 
 
@@ -80,7 +80,7 @@ def _run(
     cache: ResultCache,
     scheduler: str | None,
     workers: int | None,
-    report: Callable[[int, int], None],
+    progress: Progress,
 ) -> dict[Place, SurfacePoint]:
     """The points of all places; those that are not in the cache are computed."""
     points: dict[Place, SurfacePoint] = {}
@@ -89,10 +89,10 @@ def _run(
         if isinstance(point, TaskError):
             raise TaskError(f"the surface ends after {len(points)} of {len(tasks)} runs: {point}")
         points[place] = point
-        report(len(points), len(tasks))
+        progress("surface", len(points), len(tasks))
         return ()
 
-    report(0, len(tasks))
+    progress("surface", 0, len(tasks))
     # Rounded frequencies may be equal: their places share a task.
     run((Request(task, partial(take, place)) for place, task in tasks.items()), cache, scheduler, workers)
     return points

@@ -97,13 +97,13 @@ def _computed(branches: Iterable[Branch]) -> list[Item]:
 
 
 def _identified(identified: Iterable[tuple[float, Modes]]) -> list[Item]:
-    found: dict[str, list[tuple[float, Mode]]] = {}
+    by_whirl: dict[str, list[tuple[float, Mode]]] = {}
     for speed, modes in identified:
         for mode in modes.selected().modes:
             if mode.oscillates:
-                found.setdefault(mode.whirl, []).append((speed, mode))
+                by_whirl.setdefault(mode.whirl, []).append((speed, mode))
     items: list[Item] = []
-    for whirl, points in found.items():
+    for whirl, points in by_whirl.items():
         stroke, marker = WHIRLS[whirl]
         speeds: NDArray[np.float64] = np.array([speed for speed, _ in points])
         frequency = np.array([mode.damped_hz for _, mode in points])

@@ -35,7 +35,7 @@ def entries_from(text: str, inputs: Sequence[str], outputs: Sequence[str]) -> li
         return None
     if text == "diagonal":
         return list(zip(inputs, outputs, strict=False))
-    found = []
+    entries = []
     for part in text.split(","):
         of_input, _, output = (name.strip() for name in part.partition(":"))
         if of_input not in inputs or output not in outputs:
@@ -43,8 +43,8 @@ def entries_from(text: str, inputs: Sequence[str], outputs: Sequence[str]) -> li
                 f"entry {part.strip()!r} is not allowed; allowed: diagonal, or input:output with inputs "
                 f"{', '.join(inputs)} and outputs {', '.join(outputs)}"
             )
-        found.append((of_input, output))
-    return list(dict.fromkeys(found))
+        entries.append((of_input, output))
+    return list(dict.fromkeys(entries))
 
 
 def faint_entries(responses: Sequence[FrequencyResponse]) -> tuple[NDArray[np.bool_], str]:

@@ -60,14 +60,17 @@ def order_chart(selection: OrderSelection, title: str = "Order of the model") ->
         f"{selection.orders[-1]}. The criterion of Schwarz chooses order {selection.chosen}, that of Akaike "
         f"{selection.best_by_aic}; cross-validation is best at {selection.best_by_validation}."
     )
+    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 9.0), table=_table(selection))
+
+
+def _table(selection: OrderSelection) -> Table:
     rows = tuple(
         (str(order), f"{bic:.4g}", f"{aic:.4g}", f"{100.0 * error:.5g}")
         for order, bic, aic, error in zip(
             selection.orders, selection.bic, selection.aic, selection.validation_error, strict=True
         )
     )
-    table = Table((ORDER, "BIC less its least", "AIC less its least", "cross-validation error (%)"), rows)
-    return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 9.0), table=table)
+    return Table((ORDER, "BIC less its least", "AIC less its least", "cross-validation error (%)"), rows)
 
 
 def _line(selection: OrderSelection, values: np.ndarray, label: str, colour: str, marker: Marker) -> tuple[Item, Item]:

@@ -57,21 +57,8 @@ def draw_page(chart: Drawing) -> go.Figure:
         horizontal_spacing=_gap_of_columns(chart),
     )
     shown: set[str] = set()
-    for number, panel in enumerate(chart.panels):
-        row, column = divmod(number, chart.columns)
-        place = {"row": row + 1, "col": column + 1}
-        gridded = any(isinstance(item, HoverGrid) for item in panel.items)
-        for item in panel.items:
-            draw(item, page, place)
-            if gridded and isinstance(item, Curve) and not item.hover:
-                page.data[-1].hoverinfo = "skip"  # the grid below shows more, with units
-        lowest = number + chart.columns >= len(chart.panels)
-        page.update_xaxes(**_axis(panel.x, panel.reach("x"), lowest or not chart.shared_x), **place)
-        page.update_yaxes(**_axis(panel.y, panel.reach("y"), True), **place)
-        if panel.equal:
-            # margins that follow the labels and axes that follow each other never come to rest
-            page.update_xaxes(automargin=False, **place)
-            page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", automargin=False, **place)
+    for number in range(len(chart.panels)):
+        _draw_panel(chart, number, page)
     for trace in page.data:  # one entry for what several panels show
         trace.update(showlegend=bool(trace.name) and trace.name not in shown, legendgroup=trace.name)
         shown.add(trace.name)
@@ -90,6 +77,25 @@ def draw_page(chart: Drawing) -> go.Figure:
         hovermode="closest",
     )
     return page
+
+
+def _draw_panel(chart: Drawing, number: int, page: go.Figure) -> None:
+    """Draw a panel of a chart, by its number, into its place on the page."""
+    panel = chart.panels[number]
+    row, column = divmod(number, chart.columns)
+    place = {"row": row + 1, "col": column + 1}
+    gridded = any(isinstance(item, HoverGrid) for item in panel.items)
+    for item in panel.items:
+        draw(item, page, place)
+        if gridded and isinstance(item, Curve) and not item.hover:
+            page.data[-1].hoverinfo = "skip"  # the grid below shows more, with units
+    lowest = number + chart.columns >= len(chart.panels)
+    page.update_xaxes(**_axis(panel.x, panel.reach("x"), lowest or not chart.shared_x), **place)
+    page.update_yaxes(**_axis(panel.y, panel.reach("y"), True), **place)
+    if panel.equal:
+        # margins that follow the labels and axes that follow each other never come to rest
+        page.update_xaxes(automargin=False, **place)
+        page.update_yaxes(scaleanchor=f"x{number + 1 if number else ''}", automargin=False, **place)
 
 
 def _gap(chart: Drawing) -> float:

@@ -170,20 +170,20 @@ def _simulated(region_map: RegionMap) -> list[Item]:
     plain = "simulated" if region_map.confirmation is None else "sweep"
     for region in BOUNDARIES:
         for resonance in (False, True):
-            found = [
+            onsets = [
                 (UM * sweep.amplitude, sweep.boundaries[region].frequency)
                 for sweep in region_map.sweeps
                 if region in sweep.boundaries and sweep.boundaries[region].resonance == resonance
             ]
-            if found:
+            if onsets:
                 how = f"{region.name}, by resonance" if resonance else f"{region.name}, {plain}"
                 hover = tuple(
                     f"{amplitude:.3g} µm, {frequency:.0f} Hz: {region_label(region)} begins"
                     + (" (ordinary resonance)" if resonance else "")
-                    for amplitude, frequency in found
+                    for amplitude, frequency in onsets
                 )
                 look = REGIONS[region]
-                x, y = np.array(found).T
+                x, y = np.array(onsets).T
                 items.append(Points(x, y, how, look.colour, look.marker, not resonance, hover))
     spans = [(UM * sweep.amplitude, *span) for sweep in region_map.sweeps for span in sweep.beats]
     if spans:
@@ -239,8 +239,8 @@ def _table(region_map: RegionMap) -> Table:
 def _dwell_cells(region_map: RegionMap, amplitude: float) -> list[str]:
     if region_map.confirmation is None:
         return []
-    found = [region_map.confirmation.frequency(region, amplitude) for region in BOUNDARIES]
-    return ["" if one is None else "none" if math.isinf(one) else f"{one:.0f}" for one in found]
+    frequencies = [region_map.confirmation.frequency(region, amplitude) for region in BOUNDARIES]
+    return ["" if one is None else "none" if math.isinf(one) else f"{one:.0f}" for one in frequencies]
 
 
 def _plain(value: object) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from amb_core.ground.errors import RobustnessError
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import MIB, read_text
 from amb_core.ground.parameters import validate
+from amb_core.ground.progress import Progress, unseen
 from amb_core.report.pages.certification import InMemory, Request, certify_request
 from amb_core.robustness import Certificate, RobustnessSettings, certificate_values
 from amb_core.robustness.trace import CertificateHeader, controller_from
@@ -46,9 +47,7 @@ class Again:
     compared: int
 
 
-def certify_again(
-    path: str | Path, files: Mapping[str, str] | None = None, progress: Callable[[str], None] = lambda _: None
-) -> Again:
+def certify_again(path: str | Path, files: Mapping[str, str] | None = None, progress: Progress = unseen) -> Again:
     """Compute a certificate again.
 
     Parameters

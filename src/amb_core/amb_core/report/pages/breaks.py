@@ -35,14 +35,14 @@ def breakable(text: str) -> Markup:
     """
     pieces, end = [Markup("")], 0
     for part in _PART.finditer(text):
-        found = part.group()
+        piece = part.group()
         pieces.append(escape(text[end : part.start()]))
         if part.lastgroup == "word":
-            parts = (found[start : start + PIECE] for start in range(0, len(found), PIECE))
+            parts = (piece[start : start + PIECE] for start in range(0, len(piece), PIECE))
             pieces.append(Markup("<wbr>").join(parts))
-        elif re.search(r"[\s±+-]", found):
-            pieces.append(Markup('<span class="number">{}</span>').format(found))
+        elif re.search(r"[\s±+-]", piece):
+            pieces.append(Markup('<span class="number">{}</span>').format(piece))
         else:
-            pieces.append(escape(found))
+            pieces.append(escape(piece))
         end = part.end()
     return Markup("").join([*pieces, escape(text[end:])])

@@ -74,13 +74,13 @@ def _strip(certificate: Certificate) -> VerdictStrip:
     outcome = Badge(
         WORDS.get(certificate.statement, certificate.statement), states.get(certificate.statement, "limited")
     )
-    found, numbers = certificate.assessment, []
-    if found is not None:
-        bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
-        for axis in found.axes:
+    assessment, numbers = certificate.assessment, []
+    if assessment is not None:
+        bounds = {} if assessment.bounds is None else {item.name: item for item in assessment.bounds.axes}
+        for axis in assessment.axes:
             one = bounds.get(axis.name)
             value, zone = (one.sensitivity.value, one.zone) if one else (axis.sensitivity.value, axis.zone)
-            sure = f" with {100.0 * found.settings.confidence:g} %" if one else ""
+            sure = f" with {100.0 * assessment.settings.confidence:g} %" if one else ""
             numbers.append(
                 (f"peak sensitivity, {axis.name}{sure}", Badge(f"{value:.3f}, zone {zone}", section=SENSITIVITY))
             )
@@ -89,15 +89,15 @@ def _strip(certificate: Certificate) -> VerdictStrip:
 
 def robustness_sections(certificate: Certificate) -> list[Section]:
     """The sections on sensitivity, margins and structured singular value."""
-    found = certificate.assessment
-    assert found is not None
-    return [_sensitivity(certificate, found), *_known(certificate), _margins(found), _structured(found)]
+    assessment = certificate.assessment
+    assert assessment is not None
+    return [_sensitivity(certificate, assessment), *_known(certificate), _margins(assessment), _structured(assessment)]
 
 
-def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
-    bounds = {item.name: item for item in found.bounds.axes} if found.bounds is not None else {}
+def _sensitivity(certificate: Certificate, assessment: Assessment) -> Section:
+    bounds = {item.name: item for item in assessment.bounds.axes} if assessment.bounds is not None else {}
     rows = []
-    for axis in found.axes:
+    for axis in assessment.axes:
         one = bounds.get(axis.name)
         rows.append(
             (
@@ -110,23 +110,23 @@ def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
                 f"{axis.complementary.value:.4f} at {axis.complementary.frequency:.4g} Hz",
             )
         )
-    percent = f"{100.0 * found.settings.confidence:g} %"
+    percent = f"{100.0 * assessment.settings.confidence:g} %"
     header = (
         "axis", "peak of |S|", "zone", f"bound with {percent}", f"zone with {percent}", "bound with all parameters",
         "peak of |T|",
     )  # fmt: skip
-    limits = ", ".join(f"{limit:g}" for limit in found.settings.sensitivity_limits)
+    limits = ", ".join(f"{limit:g}" for limit in assessment.settings.sensitivity_limits)
     blocks: list[Block] = [
         TableBlock(header, rows, "Peaks and zones after ISO 14839-3"),
         Prose(
             f"Limits of the zones: {limits}; check them against the standard. All axes together: largest singular "
-            f"value of S {found.sensitivity.value:.4f} at {found.sensitivity.frequency:.4g} Hz, of T "
-            f"{found.complementary.value:.4f} at {found.complementary.frequency:.4g} Hz."
+            f"value of S {assessment.sensitivity.value:.4f} at {assessment.sensitivity.frequency:.4g} Hz, of T "
+            f"{assessment.complementary.value:.4f} at {assessment.complementary.frequency:.4g} Hz."
         ),
-        FigureBlock(sensitivity_chart(found, certificate.measured).page()),
+        FigureBlock(sensitivity_chart(assessment, certificate.measured).page()),
     ]
     if certificate.measured is not None:
-        blocks.append(Prose(_compared(certificate.measured, found)))
+        blocks.append(Prose(_compared(certificate.measured, assessment)))
     if certificate.displacement:
         blocks.append(TableBlock(("axis", "zone"), list(certificate.displacement.items()), "Zones after ISO 14839-2"))
     return Section(SENSITIVITY, blocks)
@@ -134,15 +134,15 @@ def _sensitivity(certificate: Certificate, found: Assessment) -> Section:
 
 def _known(certificate: Certificate) -> list[Section]:
     """Of which frequencies something is stated, and by what."""
-    known, found = certificate.known, certificate.assessment
-    if known is None or known.empty or found is None or found.bounds is None:
+    known, assessment = certificate.known, certificate.assessment
+    if known is None or known.empty or assessment is None or assessment.bounds is None:
         return []
     settings = certificate.settings
     no = "nothing: no statement"
     below = "taken as wrong as at its lower end; no slower modes" if known.reaches_down else no
     above = (
         f"a mass, and modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times its "
-        f"motion or less: they use up {known.beyond:.2g} of what the loop bears"
+        f"motion or less: they use up {known.beyond:.2g} of what the loop tolerates"
     )
     rows = [
         (f"below {known.low:.3g} Hz", below),
@@ -155,9 +155,9 @@ def _known(certificate: Certificate) -> list[Section]:
     ]
     motion = ", ".join(f"{name} {1e6 * value:.3g} µm" for name, value in (certificate.amplitude or {}).items())
     text = (
-        f"Of what the loop bears at a frequency, the error of the response and the models use up "
-        f"{found.bounds.small_gain:.2g} at most, at {found.bounds.small_gain_frequency:.4g} Hz. Motions in the data, "
-        f"from the middle: {motion}. Nothing is stated of larger ones."
+        f"Of what the loop tolerates at a frequency, the error of the response and the models use up "
+        f"{assessment.bounds.small_gain:.2g} at most, at {assessment.bounds.small_gain_frequency:.4g} Hz. Motions in "
+        f"the data, from the middle: {motion}. Nothing is stated of larger ones."
     )
     return [
         Section(
@@ -166,8 +166,8 @@ def _known(certificate: Certificate) -> list[Section]:
     ]
 
 
-def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:
-    values = compared_values(measured, found)
+def _compared(measured: MeasuredSensitivity, assessment: Assessment) -> str:
+    values = compared_values(measured, assessment)
     if not values["frequencies"]:
         return f"Measured: {measured.method}. Nowhere is it known well enough to be compared with the model."
     peaks = ", ".join(f"{name} {value:.4f}" for name, value in values["peaks"].items())
@@ -179,7 +179,7 @@ def _compared(measured: MeasuredSensitivity, found: Assessment) -> str:
     )
 
 
-def _margins(found: Assessment) -> Section:
+def _margins(assessment: Assessment) -> Section:
     rows = [
         (
             axis.name,
@@ -188,35 +188,35 @@ def _margins(found: Assessment) -> Section:
             f"{math.degrees(axis.margins.phase.value):.1f}° at {axis.margins.phase.frequency:.4g} Hz",
             f"{1e6 * axis.margins.delay.value:.4g} us at {axis.margins.delay.frequency:.4g} Hz",
         )
-        for axis in found.axes
+        for axis in assessment.axes
     ]
-    disks = [_disk(item) for item in (*(axis.disk for axis in found.axes), *found.disks)]
+    disks = [_disk(item) for item in (*(axis.disk for axis in assessment.axes), *assessment.disks)]
     header = ("axis", "gain up", "gain down", "phase", "delay")
     blocks: list[Block] = [
         TableBlock(header, rows, "Classical margins of each axis, all others closed"),
         TableBlock(("where", "alpha", "broken at", "gain", "phase", "frequency"), disks, "Disk margins"),
     ]
-    if found.bounds is not None:
-        gap, percent = found.bounds.gap, f"{100.0 * found.settings.confidence:g} %"
-        worst = ", ".join(f"{item.name} {1.0 / item.disk.value:.4f}" for item in found.bounds.axes)
+    if assessment.bounds is not None:
+        gap, percent = assessment.bounds.gap, f"{100.0 * assessment.settings.confidence:g} %"
+        worst = ", ".join(f"{item.name} {1.0 / item.disk.value:.4f}" for item in assessment.bounds.axes)
         blocks.append(
             Prose(
                 f"With {percent} of the models: disk margins {worst}, of all outputs "
-                f"{1.0 / found.bounds.outputs.value:.4f}; nu-gap at most {gap.worst.value:.4f}, of which the loop "
-                f"bears {gap.margin:.4f}."
+                f"{1.0 / assessment.bounds.outputs.value:.4f}; nu-gap at most {gap.worst.value:.4f}, of which the loop "
+                f"tolerates {gap.margin:.4f}."
             )
         )
     return Section("Margins", blocks)
 
 
-def _structured(found: Assessment) -> Section:
-    mu = found.mu
+def _structured(assessment: Assessment) -> Section:
+    mu = assessment.mu
     text = (
-        f"The loop bears {1.0 / mu.upper:.3f} times the assumed perturbations together. One of "
-        f"{1.0 / mu.lower if mu.lower else math.inf:.3f} times their size puts a pole within {found.on_circle:.1g} of "
-        f"the unit circle, at {mu.lower_frequency:.4g} Hz."
+        f"The loop tolerates {1.0 / mu.upper:.3f} times the assumed perturbations together. One of "
+        f"{1.0 / mu.lower if mu.lower else math.inf:.3f} times their size puts a pole within "
+        f"{assessment.on_circle:.1g} of the unit circle, at {mu.lower_frequency:.4g} Hz."
     )
-    return Section("Structured singular value", [Prose(text), FigureBlock(mu_chart(found).page())])
+    return Section("Structured singular value", [Prose(text), FigureBlock(mu_chart(assessment).page())])
 
 
 def _inputs(certificate: Certificate) -> Section:

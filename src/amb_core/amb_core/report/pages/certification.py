@@ -17,6 +17,7 @@ from amb_core.data.experiments import DataDescription
 from amb_core.data.tables import ENDINGS
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.regular_files import is_folder
+from amb_core.ground.progress import Progress, unseen
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.recording import Recording
@@ -35,7 +36,6 @@ from amb_core.robustness.trace import CertificateHeader, DataTrace, Trace, contr
 ROLES = ("bag", "validation bag", "sweep bag")
 
 Reader = Callable[[Path, DataDescription], RecordedLoop]
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def certify_request(
     request: Request,
     given: InMemory | None = None,
     reader: Reader = read,
-    progress: Progress = lambda _: None,
+    progress: Progress = unseen,
 ) -> Certificate:
     """The certificate of a request.
 
@@ -118,7 +118,7 @@ def certify_request(
     reader : callable, optional
         How a file is read with a description; a command shows what it understood.
     progress : callable, optional
-        Called with the name of each stage.
+        Called at each stage, see `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -136,8 +136,15 @@ def certify_request(
     name = request.named["controller"]
     inputs[f"controller {Path(name).name or 'of the experiment'}"] = sha256_of_controller(law)
     used, judged, swept = (loops.get(role) for role in ROLES)
-    found = certify_from_data(
-        model, law, used, judged, settings=request.settings, inputs=inputs, swept=swept, progress=progress
+    certificate = certify_from_data(
+        model,
+        law,
+        used,
+        judged,
+        settings=request.settings,
+        inputs=inputs,
+        swept=swept,
+        progress=lambda stage: progress(stage, 0, None),
     )
     trace = Trace(
         request.header,
@@ -146,7 +153,7 @@ def certify_request(
         {"order": model.order, "method": model.method, "source": model.source, "sha256": sha256_of_model(model)},
         traces,
     )
-    return replace(found, trace=trace)
+    return replace(certificate, trace=trace)
 
 
 def require_request(request: Request) -> None:

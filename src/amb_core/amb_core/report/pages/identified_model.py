@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 from amb_core.data.analysis import recorded_data
 from amb_core.data.controller_choice import ALLOWED, needs_controller
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.progress import Progress
 from amb_core.identification import Identification, identify
 from amb_core.identification.validation import Validation
 from amb_core.report.figures.bode import bode_chart
@@ -63,7 +64,7 @@ def identified_model(
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
-    tell: Callable[[str], None],
+    progress: Progress,
     entries: str = "",
     certified: bool = False,
 ) -> IdentifiedModel:
@@ -78,14 +79,14 @@ def identified_model(
     if controller is None and needs_controller(data):
         raise IdentificationError(f"the bag lacks the controller's parameters; name it with --controller: {ALLOWED}")
     drawn = entries_from(entries, data.input_names, data.output_names)
-    tell("identifying")
+    progress("identifying", 0, None)
     result = identify(data, order, controller=controller)
-    tell("validating")
+    progress("validating", 0, None)
     validation = result.validated(recording.plant_parameters())
     sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
     if not certified:
         return IdentifiedModel(result, validation, sections)
-    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), tell)
+    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), progress)
     return IdentifiedModel(
         result, validation, [*sections, robustness_section(certificate)], robustness_badge(certificate)
     )

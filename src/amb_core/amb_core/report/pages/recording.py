@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal
 
@@ -11,6 +10,7 @@ import numpy as np
 from amb_core.data.analysis.recorded_distortion import evidence_or_reason
 from amb_core.data.analysis.recorded_regions import RecordedRegions, classify_run
 from amb_core.ground.errors import AmbError
+from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.units import UM
 from amb_core.loop.machine import radial_bearings
 from amb_core.loop.telemetry import describe_gaps
@@ -50,7 +50,7 @@ def recording_report(
     recording: Recording,
     run: int | None = None,
     order: int | Literal["auto"] = 10,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress = unseen,
     controller: KnownController | None = None,
     entries: str = "",
     certified: bool = False,
@@ -69,7 +69,7 @@ def recording_report(
     order : int or "auto"
         Order of the model.
     progress : callable, optional
-        Called with what is being done.
+        Called with what is being done, see `amb_core.ground.progress.Progress`.
     controller : KnownController, optional
         The controller; by default the recorded one. Without either there is no model.
     entries : str, optional
@@ -88,23 +88,22 @@ def recording_report(
 
     if order != "auto":
         check_order(order)
-    tell = progress or (lambda _stage: None)
-    tell("classifying")
-    found = classify_run(recording, run)
-    tell("measuring distortion")
-    evidence = evidence_or_reason(recording, found.run)
-    sections = [_regions(found), _distortion(evidence)]
-    tell("drawing")
-    sections.append(_motion(found.record, _excited(recording, found)))
-    identified, problem = _identified(recording, found.run, order, controller, tell, entries, certified)
+    progress("classifying", 0, None)
+    regions = classify_run(recording, run)
+    progress("measuring distortion", 0, None)
+    evidence = evidence_or_reason(recording, regions.run)
+    sections = [_regions(regions), _distortion(evidence)]
+    progress("drawing", 0, None)
+    sections.append(_motion(regions.record, _excited(recording, regions)))
+    identified, problem = _identified(recording, regions.run, order, controller, progress, entries, certified)
     sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
-        _title(recording, found.run),
-        _lead(found, evidence) + (f" No model: {problem}." if problem else ""),
-        [FigureBlock(_sweep(found)), _experiment(recording, found)],
+        _title(recording, regions.run),
+        _lead(regions, evidence) + (f" No model: {problem}." if problem else ""),
+        [FigureBlock(_sweep(regions)), _experiment(recording, regions)],
         sections,
         f"Every number comes from the bag {recording.path}.",
-        _strip(found, evidence, identified),
+        _strip(regions, evidence, identified),
     )
 
 
@@ -122,13 +121,15 @@ def _excitations(recording: Recording, run: int) -> list[AppliedExcitation]:
     return [item for item in recording.excitations(run) if item.accepted and item.steps]
 
 
-def _strip(found: RecordedRegions, evidence: Evidence, identified: IdentifiedModel | None) -> VerdictStrip:
+def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedModel | None) -> VerdictStrip:
     """The verdict on the model, its main numbers, and region and distortion of the recording."""
-    onsets = found.classification.onsets
+    onsets = regions.classification.onsets
     worst = max(onsets, default=Region.A)
-    told = found.classification.states
+    classified = regions.classification.states
     states: dict[Region, State] = {Region.A: "good", Region.B: "limited", Region.C: "limited", Region.D: "bad"}
-    region = Badge(region_label(worst), states[worst], REGIONS) if told else Badge("not classified", section=REGIONS)
+    region = (
+        Badge(region_label(worst), states[worst], REGIONS) if classified else Badge("not classified", section=REGIONS)
+    )
     seen = [
         ("worst region", region),
         ("distortion", Badge(evidence.brief.removeprefix("distortion "), section=DISTORTION)),
@@ -139,35 +140,35 @@ def _strip(found: RecordedRegions, evidence: Evidence, identified: IdentifiedMod
     return VerdictStrip(verdict_badge(validation), validation_reason(validation), [*identified.badges, *seen])
 
 
-def _lead(found: RecordedRegions, evidence: Evidence) -> str:
-    record, told = found.record, found.classification
+def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
+    record, classification = regions.record, regions.classification
     seconds = record.steps * record.sample_time
     text = f"{seconds:.1f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
-    if not told.onsets:
+    if not classification.onsets:
         return text + f"Region A all the time; {evidence.brief}."
-    begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in told.onsets.items()]
+    begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in classification.onsets.items()]
     return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}."
 
 
-def _sweep(found: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
-    over: Literal["time", "frequency"] = "frequency" if rises(found.frequency) else "time"
+def _sweep(regions: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
+    over: Literal["time", "frequency"] = "frequency" if rises(regions.frequency) else "time"
     return sweep_chart(
-        found.record, found.classification, found.frequency, over=over, title="Regions of the run"
+        regions.record, regions.classification, regions.frequency, over=over, title="Regions of the run"
     ).page()
 
 
-def _experiment(recording: Recording, found: RecordedRegions) -> TableBlock:
-    record = found.record
+def _experiment(recording: Recording, regions: RecordedRegions) -> TableBlock:
+    record = regions.record
     excitations = [
-        f"{item.kind}, steps {item.first_step} to {item.stop - 1}" for item in _excitations(recording, found.run)
+        f"{item.kind}, steps {item.first_step} to {item.stop - 1}" for item in _excitations(recording, regions.run)
     ]
     controller = recording.controller_parameters()
     rows = [
-        ("run", str(found.run)),
+        ("run", str(regions.run)),
         ("samples", f"{record.steps}, from step {record.first_step} on"),
         ("sample time", f"{1e6 * record.sample_time:g} µs"),
         ("excitations", "; ".join(excitations) or "none"),
-        ("missing", describe_gaps(found.gaps) if found.gaps else "nothing"),
+        ("missing", describe_gaps(regions.gaps) if regions.gaps else "nothing"),
     ]
     if controller is not None:
         gains = f"{controller.proportional_gain:g} A/m, {controller.derivative_gain:g} A s/m"
@@ -175,9 +176,9 @@ def _experiment(recording: Recording, found: RecordedRegions) -> TableBlock:
     return TableBlock(("of the recording", "value"), rows, "The recording")
 
 
-def _regions(found: RecordedRegions) -> Section:
-    told = found.classification
-    share = shares(stretches(told.states))
+def _regions(regions: RecordedRegions) -> Section:
+    classification = regions.classification
+    share = shares(stretches(classification.states))
     rows = [
         (
             part,
@@ -185,7 +186,7 @@ def _regions(found: RecordedRegions) -> Section:
             f"{onset.time:.3f} s",
             "" if np.isnan(onset.input_frequency) else f"{onset.input_frequency:.1f} Hz",
         )
-        for part, onsets in (("rotor", told.onsets), *told.axis_onsets.items())
+        for part, onsets in (("rotor", classification.onsets), *classification.axis_onsets.items())
         for region, onset in onsets.items()
     ]
     time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
@@ -212,9 +213,9 @@ def _distortion(evidence: Evidence) -> Section:
     return Section(DISTORTION, blocks)
 
 
-def _excited(recording: Recording, found: RecordedRegions) -> LoopRecord:
+def _excited(recording: Recording, regions: RecordedRegions) -> LoopRecord:
     """The part of the run from its first excitation to its last: lift-off and landing would squash an orbit."""
-    excitations, record = _excitations(recording, found.run), found.record
+    excitations, record = _excitations(recording, regions.run), regions.record
     if not excitations:
         return record
     end = record.first_step + record.steps
@@ -244,7 +245,7 @@ def _identified(
     run: int,
     order: int | Literal["auto"],
     controller: KnownController | None,
-    tell: Callable[[str], None],
+    progress: Progress,
     entries: str,
     certified: bool,
 ) -> tuple[IdentifiedModel | None, str]:
@@ -253,6 +254,6 @@ def _identified(
 
     try:
         controller = controller or recording.controller()
-        return identified_model(recording, run, order, controller, tell, entries, certified), ""
+        return identified_model(recording, run, order, controller, progress, entries, certified), ""
     except AmbError as problem:
         return None, str(problem)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 from amb_core.ground.errors import AmbError
+from amb_core.ground.progress import Progress
 from amb_core.identification import Identification
 from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
@@ -23,7 +23,7 @@ def certificate_of_recording(
     validation: Validation,
     controller: KnownController | None,
     plant: PlantParameters | None,
-    tell: Callable[[str], None],
+    progress: Progress,
 ) -> Certificate | str:
     """The certificate of a model that was identified from a recording; or why there is none."""
     if controller is None:
@@ -32,7 +32,7 @@ def certificate_of_recording(
     try:
         return certify_from_data(
             result.model, law, Recorded(result.data, law, plant), validation=validation,
-            uncertainty=result.uncertainty, progress=tell,
+            uncertainty=result.uncertainty, progress=lambda stage: progress(stage, 0, None),
         )  # fmt: skip
     except AmbError as problem:
         return str(problem)
@@ -42,14 +42,14 @@ def robustness_badge(certificate: Certificate | str) -> Badge:
     """The verdict in a few words, linked to the section."""
     if isinstance(certificate, str):
         return Badge("not computed", section=HEADING)
-    found = certificate.assessment
-    if found is None:
+    assessment = certificate.assessment
+    if assessment is None:
         return Badge("not certified: unstable loop", "bad", HEADING)
     if not certificate.certified:
         return Badge(WORDS.get(certificate.statement, "not certified"), "limited", HEADING)
-    assert found.bounds is not None
-    zone = max(item.zone for item in found.bounds.axes)  # A is the best
-    percent = f"{100.0 * found.settings.confidence:g} %"
+    assert assessment.bounds is not None
+    zone = max(item.zone for item in assessment.bounds.axes)  # A is the best
+    percent = f"{100.0 * assessment.settings.confidence:g} %"
     if certificate.reserved:
         return Badge(f"certified with reservations, zone {zone} with {percent}", "limited", HEADING)
     return Badge(f"certified, zone {zone} with {percent}", "good", HEADING)
@@ -61,11 +61,11 @@ def robustness_section(certificate: Certificate | str) -> Section:
         return Section(HEADING, [Prose(f"Not computed: {certificate}.")])
     blocks: list[Block] = [Prose(certificate.verdict)]
     blocks += [Prose(f"Warning: {text}.") for text in certificate.warnings]
-    found = certificate.assessment
-    if found is not None:
+    assessment = certificate.assessment
+    if assessment is not None:
         blocks += [
-            _margins(found),
-            FigureBlock(sensitivity_chart(found, certificate.measured).page(), "Sensitivity"),
+            _margins(assessment),
+            FigureBlock(sensitivity_chart(assessment, certificate.measured).page(), "Sensitivity"),
             Prose(
                 "The loop is that of the recording; the assumed perturbations and the limits are the defaults. "
                 "amb certify takes other controllers, perturbations and limits, a second recording for the validation "
@@ -75,11 +75,11 @@ def robustness_section(certificate: Certificate | str) -> Section:
     return Section(HEADING, blocks)
 
 
-def _margins(found: Assessment) -> TableBlock:
-    bounds = {} if found.bounds is None else {item.name: item for item in found.bounds.axes}
-    percent = f"{100.0 * found.settings.confidence:g} %"
+def _margins(assessment: Assessment) -> TableBlock:
+    bounds = {} if assessment.bounds is None else {item.name: item for item in assessment.bounds.axes}
+    percent = f"{100.0 * assessment.settings.confidence:g} %"
     rows = []
-    for axis in found.axes:
+    for axis in assessment.axes:
         one = bounds.get(axis.name)
         rows.append(
             (

@@ -41,8 +41,8 @@ def validation_reason(validation: Validation) -> str:
         checked = [one for one in validation.conditions if one.checked]
         return f"All {len(checked)} conditions that could be checked hold, of {len(validation.conditions)}."
     worst = [one for one in failed if one.level is failed[0].level]
-    found = "; ".join(f"{one.name}: {one.finding}" for one in worst)
-    return f"{len(worst)} of {len(validation.conditions)} conditions {_DO_NOT[failed[0].level]}: {found}."
+    findings = "; ".join(f"{one.name}: {one.finding}" for one in worst)
+    return f"{len(worst)} of {len(validation.conditions)} conditions {_DO_NOT[failed[0].level]}: {findings}."
 
 
 _DO_NOT = {Verdict.RESERVATIONS: "leave reservations", Verdict.NOT_VALIDATED: "fail"}

@@ -73,8 +73,8 @@ def find_items(folder: Path) -> list[Item]:
     """
     if not folder.is_dir():
         raise ProjectError(f"project {shown(folder)}: there is no such folder")
-    found = [item for path in _paths(folder) if (item := _item(folder, path)) is not None]
-    return sorted(found, key=lambda item: (list(Kind).index(item.kind), str(item.path)))
+    items = [item for path in _paths(folder) if (item := _item(folder, path)) is not None]
+    return sorted(items, key=lambda item: (list(Kind).index(item.kind), str(item.path)))
 
 
 def _paths(folder: Path) -> Iterator[Path]:

@@ -113,9 +113,9 @@ class _Judge:
             state, reason = getattr(self, f"_{item.kind}")(item)
         except AmbError as problem:
             state, reason = State.UNKNOWN, str(problem)
-        found = replace(item, state=state, reason=reason)
-        self._known[str(item.path)] = found
-        return found
+        judged = replace(item, state=state, reason=reason)
+        self._known[str(item.path)] = judged
+        return judged
 
     def _bearing(self, item: Item) -> tuple[State, str]:
         file = ParameterFile(self._folder / item.path)
@@ -183,13 +183,13 @@ class _Judge:
     @staticmethod
     def _differences(made: Mapping[str, Any], bearing: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
         """Parameters that were other ones, by name, with both values as text."""
-        found = {}
+        differences = {}
         for node, values in made.items():
             was, now = _flat(node, values or {}), _flat(node, bearing[node])
             for name in was.keys() & now.keys():
                 if was[name] != now[name]:
-                    found[name] = f"{name.partition('.')[2]} = {was[name]} (now {now[name]})"
-        return dict(sorted(found.items()))
+                    differences[name] = f"{name.partition('.')[2]} = {was[name]} (now {now[name]})"
+        return dict(sorted(differences.items()))
 
     def _of_inputs(self, inputs: Mapping[str, str] | None) -> tuple[State, str]:
         if not inputs:
@@ -213,10 +213,10 @@ class _Judge:
 
 def _flat(prefix: str, values: Mapping[str, Any]) -> dict[str, Any]:
     """Nested parameters by dotted name, as JSON has them."""
-    found: dict[str, Any] = {}
+    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            found |= _flat(f"{prefix}.{name}", value)
+            flat |= _flat(f"{prefix}.{name}", value)
         else:
-            found[f"{prefix}.{name}"] = list(value) if isinstance(value, tuple) else value
-    return found
+            flat[f"{prefix}.{name}"] = list(value) if isinstance(value, tuple) else value
+    return flat

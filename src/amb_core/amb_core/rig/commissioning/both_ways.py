@@ -28,22 +28,22 @@ def late_findings(name: str, one: AxisDynamics, late: float) -> list[Finding]:
 
 def turn_of(ratio: NDArray[np.complex128], machine: Machine) -> dict[tuple[str, str], float]:
     """Tangent of the angle between sensors and magnets, by bearing; from H^-1 P."""
-    names, found = machine.axis_names, {}
+    names, tangents = machine.axis_names, {}
     for bearing in machine.bearings:
-        axes = [axis for axis, one in enumerate(machine.axes) if one.bearing == bearing.name]
+        axes = machine.columns_of(bearing.name)
         if len(axes) == 2:
             i, j = axes
             one, other = (np.median((ratio[:, a, b] / ratio[:, b, b]).real) for a, b in ((j, i), (i, j)))
-            found[names[i], names[j]] = float(0.5 * (one - other))
-    return found
+            tangents[names[i], names[j]] = float(0.5 * (one - other))
+    return tangents
 
 
 def noise_when_on(still: LoopRecord, rest: LoopRecord, names: tuple[str, ...]) -> list[Finding]:
     """Noise from sample to sample, which the motion of the rotor hardly changes, against that with the currents off."""
-    found = []
+    findings = []
     now, before = (np.diff(record.position, axis=0).std(axis=0) for record in (still, rest))
     for axis, name in enumerate(names):
         if now[axis] > max(_NOISE * before[axis], _LEAST):
             text = f"{UM * now[axis]:.2g} um from sample to sample, {UM * before[axis]:.2g} um with the currents off"
-            found.append(Finding("noise when on", (name,), text + ": amplifiers that disturb the sensors"))
-    return found
+            findings.append(Finding("noise when on", (name,), text + ": amplifiers that disturb the sensors"))
+    return findings

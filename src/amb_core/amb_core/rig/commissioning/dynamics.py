@@ -89,14 +89,14 @@ def axis_dynamics(
         rows, values = weight[:, np.newaxis] * np.column_stack(columns), weight * right
         both = np.vstack([rows.real, rows.imag])
         wanted = np.concatenate([values.real, values.imag])
-        found = np.linalg.lstsq(both, wanted, rcond=None)[0]
-        return found, float(np.sum((both @ found - wanted) ** 2))
+        solution = np.linalg.lstsq(both, wanted, rcond=None)[0]
+        return solution, float(np.sum((both @ solution - wanted) ** 2))
 
     turned = [solved(columns, ratio * np.exp(-s * delay * sample_time)) for delay in DELAYS]
     # With a wrong sign and a delay of half a period of the high tones the equation holds almost as well.
-    cost = np.array([left if found[0] > 0.0 else np.inf for found, left in turned])
+    cost = np.array([left if solution[0] > 0.0 else np.inf for solution, left in turned])
     best = int(np.argmin(cost))
-    found = turned[best][0]
+    solution = turned[best][0]
     rows = weight[:, np.newaxis] * np.column_stack(columns)
     spreads = np.diag(np.linalg.pinv((rows.conj().T @ rows).real))
     freedom = max(2 * len(frequency) - len(columns) - 1, 1)
@@ -104,11 +104,11 @@ def axis_dynamics(
     delay, spread = _vertex(cost, best, scale)
     lagging, left = solved([*columns, s * ones], ratio)
     unit = 1.0 / np.sqrt(np.sum(weight**2 * np.abs(ratio) ** 2))
-    static = found[0] - found[1] / pole**2 if pole > 0.0 else found[0]
+    static = solution[0] - solution[1] / pole**2 if pole > 0.0 else solution[0]
     return AxisDynamics(
-        gain=_inverse(found[0]),
+        gain=_inverse(solution[0]),
         static_gain=_inverse(static),
-        gain_error=float(np.sqrt(scale * spreads[0]) / max(abs(found[0]), 1e-300)),
+        gain_error=float(np.sqrt(scale * spreads[0]) / max(abs(solution[0]), 1e-300)),
         delay=delay,
         delay_error=spread,
         lag=float(lagging[-1] * _inverse(lagging[0])),

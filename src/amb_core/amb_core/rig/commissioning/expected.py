@@ -1,4 +1,4 @@
-"""What the model of a machine lets expect of its rig: gains and currents at rest, resonances, unstable poles."""
+"""What the model of a machine predicts of its rig: gains and currents at rest, resonances, unstable poles."""
 
 from __future__ import annotations
 
@@ -85,13 +85,13 @@ def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Exp
     PlantError
         If the controller cannot hold the rotor.
     """
-    found = linearize(Plant(plant), controller.at_rate(plant.integration.sample_rate))
-    current = found.point.current_reference
-    if found.axial_point is not None:
-        current = np.append(current, found.axial_point.current_reference)
-    loop = found.closed_loop
-    unstable = int(np.sum(np.abs(found.discrete.poles()) > 1.0))
-    return Expected(np.real(loop.response([0.0])[0]), current, unstable, loop, found.discrete, _resting(Plant(plant)))
+    linear = linearize(Plant(plant), controller.at_rate(plant.integration.sample_rate))
+    current = linear.point.current_reference
+    if linear.axial_point is not None:
+        current = np.append(current, linear.axial_point.current_reference)
+    loop = linear.closed_loop
+    unstable = int(np.sum(np.abs(linear.discrete.poles()) > 1.0))
+    return Expected(np.real(loop.response([0.0])[0]), current, unstable, loop, linear.discrete, _resting(Plant(plant)))
 
 
 def _resting(plant: Plant) -> NDArray[np.float64]:

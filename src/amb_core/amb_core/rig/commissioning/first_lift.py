@@ -57,10 +57,10 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
         bench.off()
         return [_not_lifted(record, bench, ", ".join(trip.reason.name for trip in trips))]
     still = record.window(record.first_step + record.steps - round(0.3 * bench.rate), round(0.3 * bench.rate))
-    found = noise_when_on(still, rest, bench.machine.axis_names)
-    if not found and expected is not None:
+    findings = noise_when_on(still, rest, bench.machine.axis_names)
+    if not findings and expected is not None:
         try:
-            found = _of_dynamics(bench, expected, still, moved)
+            findings = _of_dynamics(bench, expected, still, moved)
         except LostSamplesError:
             bench.off()
             raise
@@ -68,7 +68,7 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
             bench.off()
             return [Finding("unstable loop", (), str(problem))]
     bench.land(ramp)
-    return found
+    return findings
 
 
 def _not_lifted(record: LoopRecord, bench: Bench, trips: str) -> Finding:
@@ -99,8 +99,10 @@ def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord, moved: boo
     outputs = np.stack([one.position for one in every], axis=2)
     inputs = np.stack([one.current for one in every], axis=2)
     response = outputs @ np.linalg.inv(inputs)
-    found = _dynamics_findings(response, tones.frequency, bench, expected, still, moved)
-    return found or _saturation(bench, response, inputs, tones.frequency, np.stack([one.reference for one in every], 2))
+    findings = _dynamics_findings(response, tones.frequency, bench, expected, still, moved)
+    return findings or _saturation(
+        bench, response, inputs, tones.frequency, np.stack([one.reference for one in every], 2)
+    )
 
 
 def _saturation(
@@ -111,7 +113,7 @@ def _saturation(
     references: NDArray[np.complex128],
 ) -> list[Finding]:
     """A quarter of the bias current at a frequency at which it hardly moves the rotor: its motion is in proportion."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     near = int(np.argmin(np.abs(frequency - LOUD)))
     loud = tone_set(frequency[near], frequency[near], 1, WINDOW)
     steps, fade = round((SETTLE + WINDOW) * bench.rate), 500
@@ -129,8 +131,8 @@ def _saturation(
             text = (
                 f"at {abs(one.current[0, axis]):.2g} A it moves the rotor {100.0 * ratio:.0f} % as far as in proportion"
             )
-            found.append(Finding("amplifier saturates", (name,), text))
-    return found
+            findings.append(Finding("amplifier saturates", (name,), text))
+    return findings
 
 
 def _dynamics_findings(
@@ -161,11 +163,11 @@ def _dynamics_findings(
     names = bench.machine.axis_names
     inverse, of_model = np.linalg.inv(response), expected.plant.response(frequency)
     model = np.linalg.inv(of_model)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for pair, angle in turn_of(inverse @ of_model, bench.machine).items():
         if abs(angle) > TURN:
             text = f"sensors and magnets by {np.degrees(np.arctan(angle)):.0f} deg"
-            found.append(Finding("coils turned" if moved else "turned", pair, text))
+            findings.append(Finding("coils turned" if moved else "turned", pair, text))
     every = [
         axis_dynamics(
             inverse[:, axis, axis], model[:, axis, axis], frequency, np.full(len(frequency), 0.02), expected.fastest,
@@ -174,8 +176,8 @@ def _dynamics_findings(
         for axis in range(len(names))
     ]  # fmt: skip
     for name, one in zip(names, every, strict=True):
-        found += late_findings(name, one, LATE)
-    return found or _gains(every, bench, expected, still)
+        findings += late_findings(name, one, LATE)
+    return findings or _gains(every, bench, expected, still)
 
 
 def _gains(every: list[AxisDynamics], bench: Bench, expected: Expected, still: LoopRecord) -> list[Finding]:
@@ -197,10 +199,10 @@ def _gains(every: list[AxisDynamics], bench: Bench, expected: Expected, still: L
 
 
 def _load(bench: Bench, expected: Expected, still: LoopRecord) -> list[Finding]:
-    found = []
+    findings = []
     for axis, name in enumerate(bench.machine.axis_names):
         value, wanted = float(still.current[:, axis].mean()), float(expected.current[axis])
         if abs(value - wanted) > LOAD * bench.machine.axes[axis].bias_current:
             text = f"{value:.2f} A at rest, {wanted:.2f} A expected: another load, or an offset of sensor or amplifier"
-            found.append(Finding("load", (name,), text))
-    return found
+            findings.append(Finding("load", (name,), text))
+    return findings

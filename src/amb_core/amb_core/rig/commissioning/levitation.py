@@ -50,10 +50,10 @@ def rest_checks(positions: NDArray[np.float64], machine: Machine, settings: Comm
             checks.append(at_most(f"noise of {name}, rms", noise, UM * settings.noise, "um", advice))
     mean = positions.mean(axis=0)
     advice = "check offset and scale of the sensors of this bearing, and its clearance in the target's configuration"
-    for bearing, axes in axes_of(machine).items():
-        share = float(np.linalg.norm(mean[axes])) / clearance_of(machine, bearing)
+    for bearing in machine.bearings:
+        share = float(np.linalg.norm(mean[machine.columns_of(bearing.name)])) / clearance_of(machine, bearing.name)
         checks.append(
-            at_most(f"resting place in bearing {bearing} over clearance", share, settings.rest_share, "-", advice)
+            at_most(f"resting place in bearing {bearing.name} over clearance", share, settings.rest_share, "-", advice)
         )
     return checks
 
@@ -85,7 +85,8 @@ def levitation_checks(
         np.any(np.abs(record.position - place) > max(_STILL, 2.0 * np.abs(last.position - place).max()), axis=1)
     )
     checks = [measured("time until the rotor is at rest", (away[-1] + 1 if len(away) else 0) * record.sample_time, "s")]
-    for bearing, axes in axes_of(machine).items():
+    for bearing in (each.name for each in machine.bearings):
+        axes = machine.columns_of(bearing)
         orbit = float(np.linalg.norm(last.position[:, axes] - place[axes], axis=1).max())
         clearance = clearance_of(machine, bearing)
         checks.append(measured(f"orbit in bearing {bearing}", UM * orbit, "um"))
@@ -146,14 +147,6 @@ def runaway(record: LoopRecord, machine: Machine) -> str:
 
 def _settled_steps(record: LoopRecord) -> int:
     return min(round(SETTLED / record.sample_time), record.steps)
-
-
-def axes_of(machine: Machine) -> dict[str, list[int]]:
-    """Numbers of the axes of each bearing."""
-    return {
-        bearing.name: [number for number, axis in enumerate(machine.axes) if axis.bearing == bearing.name]
-        for bearing in machine.bearings
-    }
 
 
 def clearance_of(machine: Machine, name: str) -> float:

@@ -55,8 +55,8 @@ def on_the_backup_bearing(
     window = WINDOW * float(np.clip(round((noise / QUIET) ** 2), 1, LONGEST))
     tones = tone_set(LOW, HIGH, TONES, window, 0.7)
     records = [bench.tones_at_rest(tones, axis, SETTLE, window) for axis in range(len(names))]
-    if found := noise_when_on(records[0], rest, names):
-        return found
+    if findings := noise_when_on(records[0], rest, names):
+        return findings
     every = [response_to(tones, record) for record in records]
     response = matrix_of(every)  # tones, sensors, coils
     deviation = (
@@ -72,20 +72,20 @@ def on_the_backup_bearing(
     )
     silent = [axis for axis in range(len(names)) if names[axis] not in dead and strength[:, axis].max() < SEEN]
     for axis in silent:
-        found.append(Finding(words["none"], (names[axis],), "its current moves nothing"))
+        findings.append(Finding(words["none"], (names[axis],), "its current moves nothing"))
     if silent or dead:
-        return found
+        return findings
     size = np.log(np.abs(response) + 1e-12).mean(axis=0)
     driven = linear_sum_assignment(-size.T)[1].tolist()  # sensor by coil; contact is stiffer along one axis
     for axis, sensor in enumerate(driven):
         if sensor != axis and not {names[axis], names[sensor]} & swapped:
             text = f"the current of {names[axis]} moves {names[sensor]}"
-            found.append(Finding(words["swapped"], tuple(sorted((names[axis], names[sensor]))), text))
-    if found or driven != list(range(len(names))):
-        return list({one.axes: one for one in found}.values())
-    found = _signs(bench, tones.frequency, response, before, words["reversed"])
-    if found or expected is None:
-        return found
+            findings.append(Finding(words["swapped"], tuple(sorted((names[axis], names[sensor]))), text))
+    if findings or driven != list(range(len(names))):
+        return list({one.axes: one for one in findings}.values())
+    findings = _signs(bench, tones.frequency, response, before, words["reversed"])
+    if findings or expected is None:
+        return findings
     return _dynamics_at_rest(bench, expected, tones.frequency, response, deviation, before, words["turned"])
 
 
@@ -116,13 +116,13 @@ def _dynamics_at_rest(
     inverse, of_model = np.linalg.inv(response), expected.plant.response(frequency)
     model = np.linalg.inv(of_model)
     of_sensors = {name for one in before for name in one.axes}
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for pair, angle in turn_of(inverse @ of_model, bench.machine).items():
         if abs(angle) > TURN and not of_sensors & set(pair):
             text = f"by {np.degrees(np.arctan(angle)):.0f} deg against the sensors"
-            found.append(Finding(word, pair, text))
-    if found:
-        return found
+            findings.append(Finding(word, pair, text))
+    if findings:
+        return findings
     gains: dict[str, float] = {}
     for axis, name in enumerate(bench.machine.axis_names):
         if name in of_sensors:
@@ -135,10 +135,10 @@ def _dynamics_at_rest(
             inverse[clear, axis, axis], model[clear, axis, axis], frequency[clear], relative[clear], expected.fastest,
             1.0 / bench.rate, contact=True,
         )  # fmt: skip
-        found += late_findings(name, one, LATE)
+        findings += late_findings(name, one, LATE)
         if one.gain_error < UNSURE and one.delay < MODEST:
             gains[name] = abs(one.gain) / float(expected.resting[axis])
-    return found or _gains_at_rest(gains)
+    return findings or _gains_at_rest(gains)
 
 
 def _pulls_back(response: NDArray[np.complex128], frequency: NDArray[np.float64]) -> bool:
@@ -149,17 +149,19 @@ def _pulls_back(response: NDArray[np.complex128], frequency: NDArray[np.float64]
 
 def _gains_at_rest(gains: dict[str, float]) -> list[Finding]:
     """One axis with another gain than the others, or all of them with one at which no loop would hold."""
-    found = []
+    findings = []
     for name, size in gains.items():
         others = [other for of, other in gains.items() if of != name]
         if others and max(size, 1.0 / size) > GAIN < max(size / (usual := float(np.median(others))), usual / size):
-            found.append(Finding("amplifier gain", (name,), f"{size:.2f} times the expected force; others {usual:.2f}"))
-    if not found and any(max(size, 1.0 / size) > FORCE for size in gains.values()):
+            findings.append(
+                Finding("amplifier gain", (name,), f"{size:.2f} times the expected force; others {usual:.2f}")
+            )
+    if not findings and any(max(size, 1.0 / size) > FORCE for size in gains.values()):
         text = ", ".join(f"{name} {size:.2f}" for name, size in gains.items())
-        found.append(
+        findings.append(
             Finding("force", (), f"over mass, relative to the model: {text}; bias, mass, or scale of all axes")
         )
-    return found
+    return findings
 
 
 def matrix_of(every: list[ToneResponse]) -> NDArray[np.complex128]:

@@ -168,14 +168,14 @@ def fit_second_order(frequency: NDArray[np.float64], response: NDArray[np.comple
     matrix = np.column_stack([s * response, response, -(s**2), -s, -np.ones_like(s)])
     right = -(s**2) * response
     weight = np.ones(len(s))
-    found = np.zeros(5)
+    coefficients = np.zeros(5)
     for _ in range(_ITERATIONS):
         rows, values = weight[:, np.newaxis] * matrix, weight * right
-        found = np.linalg.lstsq(
+        coefficients = np.linalg.lstsq(
             np.vstack([rows.real, rows.imag]), np.concatenate([values.real, values.imag]), rcond=None
         )[0]
-        weight = 1.0 / np.maximum(np.abs(s**2 + found[0] * s + found[1]), 1e-9)
-    if not found[1] > 0.0:
+        weight = 1.0 / np.maximum(np.abs(s**2 + coefficients[0] * s + coefficients[1]), 1e-9)
+    if not coefficients[1] > 0.0:
         raise IdentificationError("the response to the sweep has no resonance")
-    natural = float(np.sqrt(found[1]))
-    return SecondOrder(natural * frequency[-1], float(found[0] / (2.0 * natural)))
+    natural = float(np.sqrt(coefficients[1]))
+    return SecondOrder(natural * frequency[-1], float(coefficients[0] / (2.0 * natural)))

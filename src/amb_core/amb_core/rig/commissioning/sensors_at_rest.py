@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from amb_core.ground.units import UM
 from amb_core.loop.machine import Machine
 from amb_core.rig.commissioning.finding import Finding
-from amb_core.rig.commissioning.levitation import axes_of, clearance_of
+from amb_core.rig.commissioning.levitation import clearance_of
 
 NOISE = 2e-6  # m, rms
 STEP = 0.5e-6  # m: largest step of a converter
@@ -34,32 +34,34 @@ def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> lis
     names : tuple of str
         Of the axes.
     """
-    found = []
+    findings = []
     for axis, name in enumerate(names):
         values = position[:, axis]
         if not np.isfinite(values).all():
-            found.append(Finding("sensor silent", (name,), "no signal: not connected, without supply, or out of range"))
+            findings.append(
+                Finding("sensor silent", (name,), "no signal: not connected, without supply, or out of range")
+            )
             continue
         noise = float(values.std())
         if coarse := resolution_findings(position[:, axis : axis + 1], (name,)):
-            found += coarse
+            findings += coarse
         elif noise > NOISE or (_line(values) > _LINE and noise > 0.25 * NOISE):
             line = _line(values) > _LINE
             cause = "a line of the mains: a ground loop" if line else "a loose shield, or an amplifier that switches"
             text = f"{UM * noise:.3g} um rms with the currents off; allowed: {UM * NOISE:g} um; {cause}"
-            found.append(Finding("sensor hum" if line else "sensor noise", (name,), text))
-    return found
+            findings.append(Finding("sensor hum" if line else "sensor noise", (name,), text))
+    return findings
 
 
 def resolution_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> list[Finding]:
     """Converters of too few bits, from positions (m), shape (steps, axes): no two values are close to each other."""
-    found = []
+    findings = []
     for axis, name in enumerate(names):
         steps = np.diff(np.unique(position[:, axis]))
         if len(steps) and steps.min() > STEP:
             text = f"its values are {UM * steps.min():.3g} um apart; allowed: {UM * STEP:g} um: too few bits"
-            found.append(Finding("sensor coarse", (name,), text))
-    return found
+            findings.append(Finding("sensor coarse", (name,), text))
+    return findings
 
 
 def _line(values: NDArray[np.float64]) -> float:
@@ -80,8 +82,9 @@ def place_findings(rest: NDArray[np.float64], machine: Machine) -> list[Finding]
     machine : Machine
         Axes and clearances.
     """
-    found = []
-    for bearing, axes in axes_of(machine).items():
+    findings = []
+    for bearing in (each.name for each in machine.bearings):
+        axes = machine.columns_of(bearing)
         clearance = clearance_of(machine, bearing)
         radius = float(np.linalg.norm(rest[axes]))
         if radius <= _PLACE * clearance:
@@ -91,8 +94,8 @@ def place_findings(rest: NDArray[np.float64], machine: Machine) -> list[Finding]
             f"the rotor lies at {UM * radius:.0f} um in bearing {bearing}, whose clearance is {UM * clearance:.0f} um: "
             "offset or scale of these sensors"
         )
-        found.append(Finding("sensor offset", names, text))
-    return found
+        findings.append(Finding("sensor offset", names, text))
+    return findings
 
 
 def stiff_sensors(position: NDArray[np.float64]) -> list[int]:
@@ -110,9 +113,10 @@ def hand_findings(pushed: Mapping[str, Mapping[str, NDArray[np.float64]]], machi
     machine : Machine
         Axes and clearances.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     every = machine.axis_names
-    for bearing, axes in axes_of(machine).items():
+    for bearing in (each.name for each in machine.bearings):
+        axes = machine.columns_of(bearing)
         clearance = clearance_of(machine, bearing)
         pushes = pushed.get(bearing)
         if pushes is None or len(axes) != 2:
@@ -121,8 +125,8 @@ def hand_findings(pushed: Mapping[str, Mapping[str, NDArray[np.float64]]], machi
         shown = np.array([values.mean(axis=0) for values in pushes.values()])
         middle = shown.mean(axis=0)
         gain = np.linalg.lstsq(true, (shown - middle) / clearance, rcond=None)[0].T  # sensors by directions
-        found += _of_bearing(gain, shown, middle, pushes, axes, every, clearance)
-    return _once(found)
+        findings += _of_bearing(gain, shown, middle, pushes, axes, every, clearance)
+    return _once(findings)
 
 
 def _of_bearing(
@@ -145,16 +149,16 @@ def _of_bearing(
         return [Finding("sensor dead", (names[row],), "it does not follow the rotor moved by hand") for row in dead]
     if abs(own[0, 1]) > abs(own[0, 0]) and abs(own[1, 0]) > abs(own[1, 1]):
         return [Finding("sensors swapped", names, "each follows the hand along the other axis")]
-    found = [
+    findings = [
         Finding("sensor reversed", (names[row],), "it falls when the rotor is pushed upwards along it")
         for row in range(2)
         if own[row, row] < 0.0
     ]
     signed = own * np.sign(np.diag(own))[:, np.newaxis]
     angle = np.degrees(0.5 * (np.arctan2(signed[0, 1], signed[0, 0]) - np.arctan2(signed[1, 0], signed[1, 1])))
-    if not found and abs(angle) > _TURN:
-        found.append(Finding("sensors turned", names, f"by {angle:.0f} deg against the hand's directions"))
-    return found + [
+    if not findings and abs(angle) > _TURN:
+        findings.append(Finding("sensors turned", names, f"by {angle:.0f} deg against the hand's directions"))
+    return findings + [
         one for row in range(2) for one in _of_sensor(row, own, shown, middle, pushes, axes, names, clearance)
     ]
 
@@ -183,7 +187,7 @@ def _of_sensor(
     return []
 
 
-def _once(found: list[Finding]) -> list[Finding]:
+def _once(findings: list[Finding]) -> list[Finding]:
     """Sensors that are swapped between two bearings are found in both."""
-    by_axes = {(one.fault, frozenset(one.axes)): one for one in reversed(found)}
+    by_axes = {(one.fault, frozenset(one.axes)): one for one in reversed(findings)}
     return list(by_axes.values())[::-1]

@@ -64,9 +64,9 @@ def tone_set(low: float, high: float, tones: int, window: float, power: float = 
     best, peak = np.zeros(len(frequency)), np.inf
     for _ in range(_TRIES):
         phase = generator.uniform(0.0, 2.0 * np.pi, len(frequency))
-        found = np.abs(np.cos(2.0 * np.pi * np.outer(time, frequency) + phase) @ amplitude).max()
-        if found < peak:
-            best, peak = phase, found
+        crest = np.abs(np.cos(2.0 * np.pi * np.outer(time, frequency) + phase) @ amplitude).max()
+        if crest < peak:
+            best, peak = phase, crest
     return ToneSet(frequency, amplitude / (1.02 * peak), best)
 
 
@@ -113,9 +113,9 @@ def response_to(tones: ToneSet, record: LoopRecord) -> ToneResponse:
     drift = np.linspace(-1.0, 1.0, record.steps)
     columns = np.column_stack([waves.real, -waves.imag, np.ones(len(time)), drift, drift**2, drift**3])
     signals = np.hstack([record.position, record.current, record.reference])
-    found, _, _, _ = np.linalg.lstsq(columns, signals, rcond=None)
-    left = record.position - columns @ found[:, : len(record.axes)]
+    coefficients, _, _, _ = np.linalg.lstsq(columns, signals, rcond=None)
+    left = record.position - columns @ coefficients[:, : len(record.axes)]
     count, axes = len(tones.frequency), len(record.axes)
-    amplitude = found[:count] + 1j * found[count : 2 * count]
+    amplitude = coefficients[:count] + 1j * coefficients[count : 2 * count]
     parts = amplitude[:, :axes], amplitude[:, axes : 2 * axes], amplitude[:, 2 * axes :]
     return ToneResponse(*parts, left.std(axis=0) * np.sqrt(2.0 / record.steps))

@@ -1,4 +1,4 @@
-"""Measured responses and models compared with limits, and with what a model of the machine lets expect."""
+"""Measured responses and models compared with limits, and with what a model of the machine predicts."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A real-time target without hardware: the C code of `target/` around a simulated plant, on a real UDP socket."""
 
 from amb_core.rig.emulation.emulator import LOCALHOST, Address, TargetEmulator
-from amb_core.rig.emulation.faulty_link import FaultyLink, Gap, LinkCount
+from amb_core.rig.emulation.faulty_link import FaultyLink, LinkCount, UndeliveredSamples
 from amb_core.rig.emulation.library import reference_library
 from amb_core.rig.emulation.load import Load, measure_load
 from amb_core.rig.emulation.paced import PacedEmulator
@@ -24,7 +24,6 @@ __all__ = [
     "EmulatorSettings",
     "FaultParameters",
     "FaultyLink",
-    "Gap",
     "LimitParameters",
     "LinkCount",
     "LinkFaults",
@@ -32,6 +31,7 @@ __all__ = [
     "PacedEmulator",
     "SensorFaultParameters",
     "TargetEmulator",
+    "UndeliveredSamples",
     "as_on_a_rig",
     "measure_load",
     "reference_library",

@@ -18,7 +18,7 @@ HOLD = 0.05  # s; a frame that waits for the next one is passed on after this ti
 _ROWS = HEADER.size + 4  # where a telemetry frame has its number of samples
 
 
-class Gap(NamedTuple):
+class UndeliveredSamples(NamedTuple):
     """Samples of telemetry that were not delivered.
 
     Attributes
@@ -48,7 +48,7 @@ class LinkCount:
         Those of them that met these faults.
     samples : int
         Samples of telemetry that were lost or corrupted, and so not delivered.
-    gaps : deque of Gap
+    gaps : deque of UndeliveredSamples
         The latest of these, those that follow each other as one. What is delivered later than a receiver waits for it
         is not among them: the receiver counts it as lost, then as late.
     """
@@ -59,7 +59,7 @@ class LinkCount:
     reordered: int = 0
     corrupted: int = 0
     samples: int = 0
-    gaps: deque[Gap] = field(default_factory=lambda: deque(maxlen=10_000))
+    gaps: deque[UndeliveredSamples] = field(default_factory=lambda: deque(maxlen=10_000))
 
 
 class FaultyLink:
@@ -204,7 +204,7 @@ class FaultyLink:
         gaps = self.count.gaps
         if gaps and gaps[-1].session == session and gaps[-1].stop == first:
             first = gaps.pop().first
-        gaps.append(Gap(session, first, stop))
+        gaps.append(UndeliveredSamples(session, first, stop))
 
 
 def _with_wrong_bit(frame: bytes, place: float) -> bytes:

@@ -128,7 +128,7 @@ def _measure(parameters: PlantParameters, controller: ControllerParameters) -> t
 
 
 def _levitate(plant: Plant, law: PdController, steps: int) -> list[tuple[float, ...]]:
-    """Positions in so many steps; a rotor that falls starts anew."""
+    """Positions over a number of steps; a rotor that falls starts anew."""
     positions = []
     for _ in range(steps):
         positions.append(plant.position)

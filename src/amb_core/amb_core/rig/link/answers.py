@@ -243,8 +243,8 @@ def decode(datagram: bytes, session: Session | None = None) -> Answer | Refusal:
         return _telemetry(frame, session)
     if frame.type is FrameType.STATUS:
         return _status(frame.payload, frame.step)
-    found = opened(session, datagram, frame)
-    return found if isinstance(found, Refusal) else _reply(*found, frame.step, session)
+    content = opened(session, datagram, frame)
+    return content if isinstance(content, Refusal) else _reply(*content, frame.step, session)
 
 
 def _status(block: bytes, step: int) -> TargetStatus | Refusal:

@@ -30,11 +30,11 @@ class CommandedLink(TargetLink):
         """Bring an upload to the target, whole."""
 
     def levitate(self, seconds: float) -> None:
-        """Close the loop in so many seconds."""
+        """Close the loop, and move the reference to the nominal one within this time (s)."""
         self._command(commands.levitate(seconds))
 
     def land(self, seconds: float) -> None:
-        """Land in so many seconds.
+        """Land within this time.
 
         Parameters
         ----------

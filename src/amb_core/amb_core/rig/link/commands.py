@@ -101,12 +101,12 @@ def stream(rows: int, options: int = 0) -> Command:
 
 
 def levitate(seconds: float = 0.0) -> Command:
-    """Close the loop; the reference moves from where the rotor lies to the nominal one in so many seconds."""
+    """Close the loop; the reference moves from where the rotor lies to the nominal one within this time (s)."""
     return Command(FrameType.LEVITATE, struct.pack("<d", seconds))
 
 
 def delevitate(seconds: float = 0.0) -> Command:
-    """Stop the excitation, move the reference to the landing one in so many seconds, switch off."""
+    """Stop the excitation, move the reference to the landing one within this time (s), switch off."""
     return Command(FrameType.DELEVITATE, struct.pack("<d", seconds))
 
 

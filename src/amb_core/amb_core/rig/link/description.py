@@ -121,17 +121,17 @@ def machine_of(pages: list[Description]) -> Machine:
         If they contradict each other, an axis is missing, or the machine is impossible.
     """
     ordered = sorted(pages, key=lambda page: page.first_axis)
-    found = [axis for page in ordered for axis in page.page]
-    if not ordered or len({page.nonce for page in ordered}) > 1 or len(found) != ordered[0].axes:
-        raise MachineError(f"the pages describe {len(found)} axes; expected: all axes of one target, once, of one boot")
+    axes = [axis for page in ordered for axis in page.page]
+    if not ordered or len({page.nonce for page in ordered}) > 1 or len(axes) != ordered[0].axes:
+        raise MachineError(f"the pages describe {len(axes)} axes; expected: all axes of one target, once, of one boot")
     clearances: dict[str, float] = {}
-    for axis, clearance in found:
+    for axis, clearance in axes:
         if clearances.setdefault(axis.bearing, clearance) != clearance:
             both = f"{clearances[axis.bearing]:g} and {clearance:g} m"
             raise MachineError(f"bearing {axis.bearing!r} has clearances {both}; expected: one")
     bearings = tuple(MachineBearing(name, clearance) for name, clearance in clearances.items())
     page = ordered[0]
-    return Machine(page.machine, "bridge", page.sample_rate, tuple(axis for axis, _ in found), bearings)
+    return Machine(page.machine, "bridge", page.sample_rate, tuple(axis for axis, _ in axes), bearings)
 
 
 def description_of(frame: Frame, sealed: bytes) -> Description | Refusal:

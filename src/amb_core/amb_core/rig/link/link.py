@@ -205,7 +205,7 @@ class TargetLink(ABC):
 
     @abstractmethod
     def levitate(self, seconds: float) -> None:
-        """Close the loop; the reference goes from where the rotor lies to the nominal one in so many seconds.
+        """Close the loop; the reference goes from where the rotor lies to the nominal one within this time.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class TargetLink(ABC):
 
     @abstractmethod
     def land(self, seconds: float) -> None:
-        """Stop the excitation; the reference goes to the landing one in so many seconds, then currents are off.
+        """Stop the excitation; the reference goes to the landing one within this time, then currents are off.
 
         Parameters
         ----------

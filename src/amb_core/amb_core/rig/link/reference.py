@@ -261,20 +261,23 @@ class ReferenceTarget:
 
 
 def _functions(library: Path) -> ctypes.CDLL:
-    found = ctypes.CDLL(str(library))
-    found.hosted_size.argtypes, found.hosted_size.restype = [], ctypes.c_size_t
-    found.hosted_init.argtypes, found.hosted_init.restype = [ctypes.c_void_p] * 2 + [ctypes.c_char_p], ctypes.c_bool
-    found.hosted_step.argtypes = [ctypes.c_void_p] * 3 + [
+    functions = ctypes.CDLL(str(library))
+    functions.hosted_size.argtypes, functions.hosted_size.restype = [], ctypes.c_size_t
+    functions.hosted_init.argtypes, functions.hosted_init.restype = (
+        [ctypes.c_void_p] * 2 + [ctypes.c_char_p],
+        ctypes.c_bool,
+    )
+    functions.hosted_step.argtypes = [ctypes.c_void_p] * 3 + [
         ctypes.c_double, ctypes.c_bool, ctypes.c_uint64, ctypes.c_void_p,
     ]  # fmt: skip
-    found.hosted_step.restype = ctypes.c_bool
-    found.hosted_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_void_p]
-    found.hosted_feed.restype = ctypes.c_bool
-    found.hosted_waits.argtypes, found.hosted_waits.restype = [ctypes.c_void_p], ctypes.c_bool
-    found.hosted_hardware_enable.argtypes = [ctypes.c_void_p]
-    found.hosted_hardware_enable.restype = ctypes.c_bool
-    found.hosted_take.argtypes, found.hosted_take.restype = [ctypes.c_void_p] * 3, ctypes.c_size_t
-    return found
+    functions.hosted_step.restype = ctypes.c_bool
+    functions.hosted_feed.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_void_p]
+    functions.hosted_feed.restype = ctypes.c_bool
+    functions.hosted_waits.argtypes, functions.hosted_waits.restype = [ctypes.c_void_p], ctypes.c_bool
+    functions.hosted_hardware_enable.argtypes = [ctypes.c_void_p]
+    functions.hosted_hardware_enable.restype = ctypes.c_bool
+    functions.hosted_take.argtypes, functions.hosted_take.restype = [ctypes.c_void_p] * 3, ctypes.c_size_t
+    return functions
 
 
 def _config(

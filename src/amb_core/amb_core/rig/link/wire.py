@@ -170,10 +170,10 @@ def open_wire(address: str, port: int) -> Wire:
     """
     if not address.startswith(SERIAL):
         return UdpWire(address, port)
-    found = re.fullmatch(r"serial:(/[^?]+)(?:\?baud=(\d+))?", address)
-    if found is None:
+    serial = re.fullmatch(r"serial:(/[^?]+)(?:\?baud=(\d+))?", address)
+    if serial is None:
         raise TargetError(f"address '{address}' is not allowed; allowed: serial:/dev/DEVICE, or with ?baud={BAUD}")
-    return SerialWire(found[1], int(found[2] or BAUD))
+    return SerialWire(serial[1], int(serial[2] or BAUD))
 
 
 def place(address: str, port: int) -> str:

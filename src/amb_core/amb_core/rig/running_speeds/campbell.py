@@ -12,6 +12,7 @@ import numpy as np
 
 from amb_core.ground.errors import PlantError, TaskError
 from amb_core.ground.parameters import flatten, validate
+from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.results import plain
 from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.identification.modes import closed_loop_modes
@@ -111,8 +112,8 @@ class IdentifiedCampbell:
     @property
     def worst_percent(self) -> float | None:
         """Largest magnitude of the relative error of a paired frequency at all speeds (percent)."""
-        found = [result.worst_percent for result in self.results if result.worst_percent is not None]
-        return max(found, default=None)
+        worst = [result.worst_percent for result in self.results if result.worst_percent is not None]
+        return max(worst, default=None)
 
     def to_json(self) -> dict[str, Any]:
         """Results of all speeds, and the computed critical speeds.
@@ -150,7 +151,7 @@ def identify_over_speeds(
     cache: Path | None = None,
     scheduler: str | None = None,
     workers: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     cancelled: Callable[[], bool] | None = None,
 ) -> IdentifiedCampbell | None:
     """Simulate an experiment at each running speed, identify a model, and compare its modes with the computed ones.
@@ -172,7 +173,7 @@ def identify_over_speeds(
     workers : int, optional
         Number of these processes, by default one for each core.
     progress : callable, optional
-        Called with the number of finished speeds and that of all, in the calling thread. None for no calls.
+        Called in this thread after each speed, see `amb_core.ground.progress.Progress`. None for no calls.
     cancelled : callable, optional
         Called ten times per second; once it returns true, the function returns None. None if it cannot be cancelled.
 
@@ -195,15 +196,15 @@ def identify_over_speeds(
         raise PlantError(f"running speeds {speed} Hz are not allowed; needed: at least one, ascending")
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     settings = settings or SpeedSettings()
-    found: dict[float, StateSpaceModel | TaskError] = {}
-    report = progress or (lambda done, total: None)
+    models: dict[float, StateSpaceModel | TaskError] = {}
+    report = progress or unseen
 
     def take(value: float, result: StateSpaceModel | TaskError, kept: bool) -> list[Request[StateSpaceModel]]:
-        found[value] = result
-        report(len(found), len(speed))
+        models[value] = result
+        report("experiments", len(models), len(speed))
         return []
 
-    report(0, len(speed))
+    report("experiments", 0, len(speed))
     requests = [Request(SpeedTask(settings, _at(plant, value), controller), partial(take, value)) for value in speed]
     computed: list[Campbell] = []
     curve = sorted({*speed, *np.linspace(speed[0], speed[-1], CURVE_SPEEDS if len(speed) > 1 else 1).tolist()})
@@ -215,10 +216,10 @@ def identify_over_speeds(
         cancelled=cancelled,
         meanwhile=lambda: computed.append(campbell(plant, controller, curve)),
     )
-    if len(found) < len(speed):
+    if len(models) < len(speed):
         return None
     at_speed = dict(zip(curve, computed[0].closed_loop, strict=True))
-    results = tuple(_result(value, found[value], controller, at_speed[value]) for value in speed)
+    results = tuple(_result(value, models[value], controller, at_speed[value]) for value in speed)
     if all(result.model is None for result in results):
         raise PlantError(f"no running speed gives a model; at {results[0].rpm:.0f} rpm: {results[0].problem}")
     return IdentifiedCampbell(computed[0], results)
@@ -229,12 +230,12 @@ def _at(plant: PlantParameters, speed: float) -> PlantParameters:
 
 
 def _result(
-    speed: float, found: StateSpaceModel | TaskError, controller: ControllerParameters, computed: Modes
+    speed: float, model: StateSpaceModel | TaskError, controller: ControllerParameters, computed: Modes
 ) -> SpeedResult:
-    if isinstance(found, TaskError):
-        return SpeedResult(speed, problem=str(found))
-    modes = closed_loop_modes(found, controller)
-    return SpeedResult(speed, found, modes, pair_modes(modes, computed))
+    if isinstance(model, TaskError):
+        return SpeedResult(speed, problem=str(model))
+    modes = closed_loop_modes(model, controller)
+    return SpeedResult(speed, model, modes, pair_modes(modes, computed))
 
 
 def _frequency(mode: Mode) -> dict[str, Any]:

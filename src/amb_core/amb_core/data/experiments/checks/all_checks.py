@@ -109,9 +109,9 @@ def check_recording(data: IdentificationData) -> list[Finding]:
         One finding for each check that ran.
     """
     with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
-        found = [check_gaps(data), check_sample_time(data), check_roles(data)]
-        faults = check_faults(data) if _plain(found) else []
-        return [*found, check_clipping(data), check_quantisation(data), *faults]
+        findings = [check_gaps(data), check_sample_time(data), check_roles(data)]
+        faults = check_faults(data) if _plain(findings) else []
+        return [*findings, check_clipping(data), check_quantisation(data), *faults]
 
 
 def _plain(findings: list[Finding]) -> bool:

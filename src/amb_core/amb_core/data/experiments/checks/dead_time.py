@@ -75,12 +75,12 @@ def _proven(mean: NDArray[np.float64], draws: NDArray[np.float64], first: int) -
     error = (_MODEL_ERROR * seen) ** 2 + (_LEAST_ERROR * np.abs(seen).max()) ** 2
     weight = linalg.cholesky(np.cov(draws[:, window], rowvar=False) + np.diag(error), lower=True)
     misfits = np.array([_misfit(seen, weight, dead) for dead in range(first - shortest + 1)])
-    found = int(np.argmin(misfits))
-    if misfits[found] > _WORST:
+    dead_time = int(np.argmin(misfits))
+    if misfits[dead_time] > _WORST:
         return 0
-    while found > 0 and misfits[:found].min() - misfits[found] < _WORSE:
-        found -= 1
-    return shortest + found if found > 0 else 0
+    while dead_time > 0 and misfits[:dead_time].min() - misfits[dead_time] < _WORSE:
+        dead_time -= 1
+    return shortest + dead_time if dead_time > 0 else 0
 
 
 def _misfit(seen: NDArray[np.float64], weight: NDArray[np.float64], dead: int) -> float:

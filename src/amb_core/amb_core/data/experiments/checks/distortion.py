@@ -51,21 +51,21 @@ def check_distortion(data: IdentificationData) -> Finding:
     Finding
         A warning if the distortion is large or the coherence is low.
     """
-    found = evidence_of(data)
-    if found.distortion is None and found.coherence is None:
-        return Finding("distortion", Severity.INFO, f"not measured: {found.coherence_problem}")
+    evidence = evidence_of(data)
+    if evidence.distortion is None and evidence.coherence is None:
+        return Finding("distortion", Severity.INFO, f"not measured: {evidence.coherence_problem}")
     large = [
         bool(np.any(measure.ratio > limit))
-        for measure, limit in ((found.distortion, LARGE_DISTORTION), (found.coherence, LOW_COHERENCE))
+        for measure, limit in ((evidence.distortion, LARGE_DISTORTION), (evidence.coherence, LOW_COHERENCE))
         if measure is not None
     ]
     if not any(large):
-        return Finding("distortion", Severity.INFO, found.brief)
-    lowest = float(np.nanmin(found.best_fit))
+        return Finding("distortion", Severity.INFO, evidence.brief)
+    lowest = float(np.nanmin(evidence.best_fit))
     return Finding(
         "distortion",
         Severity.WARNING,
-        found.brief,
+        evidence.brief,
         "",
         f"a linear loop fits to about {lowest:.0f} % at most; excite less, or lower frequencies",
     )

@@ -54,18 +54,18 @@ def check_feedback(data: IdentificationData) -> Finding:
     factor, rows = _factor(data, lags, lead)
     later, past = np.arange(m * lead), np.arange(m * (lead + 1), factor.shape[1] - p)
     present = np.arange(m * lead, m * (lead + 1))
-    found = _explained(data, factor, rows, np.concatenate([present, past]), later)
-    if not found and all(item.reference is not None for item in data.experiments):
-        found = _explained(data, factor, rows, past, present)
-    if not found:
+    shares = _explained(data, factor, rows, np.concatenate([present, past]), later)
+    if not shares and all(item.reference is not None for item in data.experiments):
+        shares = _explained(data, factor, rows, past, present)
+    if not shares:
         return Finding(
             "feedback", Severity.INFO, "none found (1 % level); it cannot be found if noise is far below the excitation"
         )
     return Finding(
         "feedback",
         Severity.INFO,
-        f"inputs respond to the outputs (they explain up to {100.0 * max(found.values()):.3g} % of the innovations)",
-        ", ".join(found),
+        f"inputs respond to the outputs (they explain up to {100.0 * max(shares.values()):.3g} % of the innovations)",
+        ", ".join(shares),
         "use ssarx or pem; n4sid, moesp and cva are biased on such data",
     )
 
@@ -183,7 +183,7 @@ def _explained(
 ) -> dict[str, float]:
     """Pairs `output to input` for which the tested columns of the input help, and the share that they explain."""
     m, p = len(data.input_names), len(data.output_names)
-    found = {}
+    shares = {}
     for column, name in enumerate(data.input_names):
         own = tested[column::m]
         freedom = rows - len(known) - len(own)
@@ -192,8 +192,8 @@ def _explained(
             gain = float(added @ added)
             ratio = gain / len(own) / max(residual / freedom, _NO_RESIDUE)
             if special.fdtrc(len(own), freedom, ratio) < LEVEL / (m * p):
-                found[f"{output} to {name}"] = gain / (gain + residual)
-    return found
+                shares[f"{output} to {name}"] = gain / (gain + residual)
+    return shares
 
 
 def _added(

@@ -74,13 +74,13 @@ def check_faults(data: IdentificationData) -> list[Finding]:
             spoilt[max(first - _REACH, 0) : last + 1 + _REACH] = True
         for row in repeated:
             spoilt[max(row - 1, 0) : row + 1 + _REACH] = True
-        found = one_step(item, spoilt)
-        if found is None:
+        fit = one_step(item, spoilt)
+        if fit is None:
             continue
-        for row in _missing(item, found, spoilt):
+        for row in _missing(item, fit, spoilt):
             gone.append(_Place("before", index, item.first_step + row, item.first_step + row))
             spoilt[max(row - 1, 0) : row + 1 + _REACH] = True
-        for column, row, size in _outliers(item, found, spoilt):
+        for column, row, size in _outliers(item, fit, spoilt):
             bad.append(_Place(_names(data)[column], index, item.first_step + row, item.first_step + row))
             unit = (*data.input_units, *data.output_units)[column]
             sizes.append(f"{size:.2g} {unit}".strip())
@@ -106,7 +106,7 @@ def _runs(equal: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]
 
 def _frozen(item: Experiment) -> list[tuple[int, int, int]]:
     """Column, first and last sample of signals that keep one value while the other signal of their axis moves."""
-    signals, found = np.hstack([item.inputs, item.outputs]), []
+    signals, stretches = np.hstack([item.inputs, item.outputs]), []
     m, p = item.inputs.shape[1], item.outputs.shape[1]
     change = np.abs(np.diff(signals, axis=0))
     usual = np.median(change, axis=0)
@@ -129,8 +129,8 @@ def _frozen(item: Experiment) -> list[tuple[int, int, int]]:
                 continue  # at its extremes a signal is clipped
             moves = np.median(change[first:last, partners], axis=0)
             if np.any((moves > 0.0) & (moves >= _ALIVE * usual[partners])):
-                found.append((column, int(first), int(last)))
-    return found
+                stretches.append((column, int(first), int(last)))
+    return stretches
 
 
 def _stale(item: Experiment) -> list[int]:
@@ -163,19 +163,19 @@ def _limited(item: Experiment) -> NDArray[np.bool_]:
 def _with_next(rows: NDArray[np.bool_] | np.bool_) -> NDArray[np.bool_]:
     """Rows, and those within reach after them."""
     known = np.asarray(rows)
-    found = known.copy()
+    reached = known.copy()
     for lag in range(1, _REACH + 1):
-        found[lag:] |= known[:-lag]
-    return found
+        reached[lag:] |= known[:-lag]
+    return reached
 
 
-def _missing(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> list[int]:
+def _missing(item: Experiment, fit: OneStep, spoilt: NDArray[np.bool_]) -> list[int]:
     """Rows before which rows are missing: the law breaks on most axes, for as long as it looks back.
 
     A bad sample breaks it for one row more, and a bad current that no other row shows stands out of its neighbours.
     """
-    broken = _broken(item, found, spoilt)
-    if not found.exact or broken.any(axis=1).mean() > _MOST_BROKEN:
+    broken = _broken(item, fit, spoilt)
+    if not fit.exact or broken.any(axis=1).mean() > _MOST_BROKEN:
         return []
     rows = broken.sum(axis=1) > broken.shape[1] // 2
     if broken.shape[1] == 1:
@@ -183,15 +183,15 @@ def _missing(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> lis
     return [
         int(group[0])
         for group in np.split(np.flatnonzero(rows), np.flatnonzero(np.diff(np.flatnonzero(rows)) > 1) + 1)
-        if len(group) and (len(group) <= found.lags or broken.shape[1] > 2)
+        if len(group) and (len(group) <= fit.lags or broken.shape[1] > 2)
     ]
 
 
-def _outliers(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> list[tuple[int, int, float]]:
+def _outliers(item: Experiment, fit: OneStep, spoilt: NDArray[np.bool_]) -> list[tuple[int, int, float]]:
     """Column, sample and size of values that no neighbour explains; of values close together the first of the worst."""
     m, p = item.inputs.shape[1], item.outputs.shape[1]
     size = np.zeros((item.steps, m + p))
-    size[:, m:] = np.where(spoilt[:, np.newaxis], 0.0, np.abs(found.outputs))
+    size[:, m:] = np.where(spoilt[:, np.newaxis], 0.0, np.abs(fit.outputs))
     score = np.zeros_like(size)
     kicked = _kicked(item)
     for column in range(m, m + p):
@@ -199,14 +199,14 @@ def _outliers(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> li
         spread = _spread(item.outputs[:, column - m])
         limit = max(_MEDIAN * _OUTLIER * middle, _ABOVE_MOST * most, _OF_MOTION * spread, np.finfo(float).tiny)
         score[:, column] = size[:, column] / np.where(kicked, np.maximum(limit, _OF_KICK * spread), limit)
-    if found.exact:
-        broken = _broken(item, found, spoilt)
+    if fit.exact:
+        broken = _broken(item, fit, spoilt)
         alone = broken & (broken.sum(axis=1) == 1)[:, np.newaxis]
         if broken.any(axis=1).mean() <= _MOST_BROKEN:
             for column in range(m):
-                larger = item.inputs[:, column] * found.laws[:, column] > 0.0
+                larger = item.inputs[:, column] * fit.laws[:, column] > 0.0
                 is_bad = alone[:, column] & larger & _stands_out(item.inputs[:, column])
-                size[is_bad, column] = np.abs(found.laws[is_bad, column])
+                size[is_bad, column] = np.abs(fit.laws[is_bad, column])
                 score[is_bad, column] = 1.0 + 1e-9
     rows = np.flatnonzero((score > 1.0).any(axis=1))
     outliers = []
@@ -240,17 +240,15 @@ def _spread(signal: Arrays) -> float:
     return 0.5 * float(high - low)
 
 
-def _broken(item: Experiment, found: OneStep, spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _broken(item: Experiment, fit: OneStep, spoilt: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Where the law of each input does not hold."""
-    limit = np.maximum(_BROKEN * found.noise, _LEAST_BREAK * item.inputs.std(axis=0))
-    size, breaks = np.abs(item.inputs), np.abs(found.laws) > limit
-    limited = breaks & (size >= (1.0 - 1e-9) * size.max(axis=0)) & (item.inputs * found.laws < 0.0)  # no flat top
+    limit = np.maximum(_BROKEN * fit.noise, _LEAST_BREAK * item.inputs.std(axis=0))
+    size, breaks = np.abs(item.inputs), np.abs(fit.laws) > limit
+    limited = breaks & (size >= (1.0 - 1e-9) * size.max(axis=0)) & (item.inputs * fit.laws < 0.0)  # no flat top
     without = spoilt | _with_next(limited.any(axis=1))
     if item.reference is not None:
         jumps = jumps_of(np.diff(item.reference, axis=0, prepend=item.reference[:1]))
-        often = [
-            (np.abs(found.laws[rows]) > limit).mean(axis=0).max() for rows in jumps.T if rows.sum() >= _FEWEST_JUMPS
-        ]
+        often = [(np.abs(fit.laws[rows]) > limit).mean(axis=0).max() for rows in jumps.T if rows.sum() >= _FEWEST_JUMPS]
         if max(often, default=0.0) > _OFTEN:  # these are no faults of single rows: the references are others
             without |= _with_next(jumps.any(axis=1))
     return np.asarray(breaks & ~without[:, np.newaxis])

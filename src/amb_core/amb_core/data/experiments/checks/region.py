@@ -35,7 +35,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     """
     from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
 
-    found: list[tuple[Region, int, Onset]] = []
+    onsets: list[tuple[Region, int, Onset]] = []
     judged = False
     for index in range(len(data.experiments)):
         try:
@@ -43,11 +43,11 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         except AmbError as reason:
             return Finding("region", Severity.INFO, f"not checked: {reason}")
         judged = judged or any(state.settled for state in classification.states)
-        found += [(region, index, onset) for region, onset in classification.onsets.items()]
-    if found:
-        region, index, onset = max(found, key=lambda item: item[0])
+        onsets += [(region, index, onset) for region, onset in classification.onsets.items()]
+    if onsets:
+        region, index, onset = max(onsets, key=lambda item: item[0])
         frequency = "" if math.isnan(onset.input_frequency) else f" at {onset.input_frequency:.0f} Hz"
-        first = min((entry for entry in found if entry[1] == index), key=lambda entry: entry[2].step)[2]
+        first = min((entry for entry in onsets if entry[1] == index), key=lambda entry: entry[2].step)[2]
         resonance = region.name == "D" and onset.resonance
         some_before = first.step > data.experiments[index].first_step
         keep = (

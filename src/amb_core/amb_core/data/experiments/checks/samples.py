@@ -165,7 +165,7 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
     names = (*data.input_names, *data.output_names)
     if unknown := sorted(set(limits or {}) - set(names)):
         raise IdentificationError(f"there is no signal {unknown[0]!r} to have a limit; there are {', '.join(names)}")
-    found: list[str] = []
+    clipped: list[str] = []
     outputs_cut = False
     for name, signal, offset in _signals(data):
         limit = (limits or {}).get(name)
@@ -173,16 +173,16 @@ def check_clipping(data: IdentificationData, limits: Mapping[str, float] | None 
         share = float(np.mean(at_limit)) if at_limit is not None else float(np.mean(cut_samples(signal)))
         if share > 0.0:
             reason = "at the limit" if at_limit is not None else "at a flat top"
-            found.append(f"{name} {100.0 * share:.2g} % {reason}")
+            clipped.append(f"{name} {100.0 * share:.2g} % {reason}")
             outputs_cut = outputs_cut or name in data.output_names
-    if not found:
+    if not clipped:
         return Finding("clipping", Severity.INFO, "no signal is clipped")
     advice = (
         "the sensor cannot see these samples: reduce the excitation, or leave them out"
         if outputs_cut
         else "inputs recorded behind the limit are still the true ones; if these are not, reduce the excitation"
     )
-    return Finding("clipping", Severity.WARNING, f"clipped samples: {', '.join(found)}", advice=advice)
+    return Finding("clipping", Severity.WARNING, f"clipped samples: {', '.join(clipped)}", advice=advice)
 
 
 def check_offsets(data: IdentificationData) -> Finding:

@@ -44,11 +44,11 @@ class Autoregression:
 
     def errors(self, signals: NDArray[np.float64]) -> NDArray[np.float64]:
         """Errors of y[k] for the rows k = LAGS ... of (u, y) of one experiment, shape (steps - LAGS, p)."""
-        found = signals[LAGS:, -self.coefficients.shape[1] :].copy()
-        for start in range(0, len(found), _BLOCK):
+        errors = signals[LAGS:, -self.coefficients.shape[1] :].copy()
+        for start in range(0, len(errors), _BLOCK):
             part = signals[start : start + _BLOCK + LAGS]
-            found[start : start + _BLOCK] -= _rows(part)[:, part.shape[1] :] @ self.coefficients
-        return found
+            errors[start : start + _BLOCK] -= _rows(part)[:, part.shape[1] :] @ self.coefficients
+        return errors
 
 
 def fit(parts: list[NDArray[np.float64]], outputs: int) -> Autoregression:

@@ -47,13 +47,13 @@ class SensorStep:
 def find_steps(data: IdentificationData, model: Autoregression) -> list[SensorStep]:
     """The steps of all experiments, in order."""
     scale = scales(data)[len(data.input_names) :]
-    found = []
+    steps = []
     for index, (item, signals) in enumerate(zip(data.experiments, signals_of(data), strict=True)):
         errors = model.errors(signals)
         for row in _outliers(errors):
             if _lasts(errors, row, model.static_gain):
-                found.append(SensorStep(index, item.first_step + LAGS + row, errors[row] * scale))
-    return found
+                steps.append(SensorStep(index, item.first_step + LAGS + row, errors[row] * scale))
+    return steps
 
 
 def without_steps(data: IdentificationData, steps: list[SensorStep]) -> IdentificationData:

@@ -10,7 +10,7 @@ import struct
 import time
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 from amb_core.ground.errors import TargetError
@@ -19,6 +19,7 @@ from amb_core.rig.link.answers import Reply, TargetStatus, TelemetryBlock
 from amb_core.rig.link.commands import Command
 from amb_core.rig.link.conformance.exchange import Exchange, Received
 from amb_core.rig.link.conformance.record import check_record
+from amb_core.rig.link.conformance.wrong_commands import wrong_commands
 from amb_core.rig.link.frames import Refusal, encode, hello, seal, tag
 from amb_core.rig.link.layout import (
     CHECKSUM,
@@ -27,7 +28,6 @@ from amb_core.rig.link.layout import (
     TAG,
     Code,
     FrameType,
-    Law,
     TargetState,
     UploadKind,
 )  # fmt: skip
@@ -79,13 +79,13 @@ def check_target(target: Exchange) -> list[Complaint]:
         return [Complaint("reply", str(problem))]
     if state not in (TargetState.OFF, TargetState.TRIPPED):
         raise TargetError(f"the target is {state.name.lower()}; it is checked with the rotor at rest")
-    found = []
+    complaints = []
     for name, check in CHECKS.items():
         try:
-            found += [Complaint(name, text) for text in check(target)]
+            complaints += [Complaint(name, text) for text in check(target)]
         except TargetError as problem:
-            found.append(Complaint(name, str(problem)))
-    return found
+            complaints.append(Complaint(name, str(problem)))
+    return complaints
 
 
 def _code(target: Exchange, what: str, command: Command, *wanted: Code) -> Iterator[str]:
@@ -187,46 +187,14 @@ def _repeated(target: Exchange) -> Iterator[str]:
 
 
 def _refusals(target: Exchange) -> Iterator[str]:
-    """Commands that are genuine, and wrong."""
-    axes, limits = target.session.axes, target.description.limits
-    none = struct.pack(f"<{axes}d", *(0.0,) * axes)
-
-    def parameters(kind: int, block: bytes) -> Command:
-        return Command(FrameType.PARAMETERS, struct.pack("<Q", kind) + block)
-
-    nan = struct.pack(f"<{axes}d", *(math.nan,) * axes)
-    far = struct.pack(f"<{axes}d", *(1.0,) * axes)
-    raised = replace(limits, control_current=limits.control_current * 1.01)
-    gains = struct.pack("<5d", 1e3, 1.0, 0.0, 1e4, 1.0)
-    cases: tuple[tuple[str, Command, tuple[Code, ...]], ...] = (
-        ("HEARTBEAT with a body", Command(FrameType.HEARTBEAT, b"x"), (Code.BAD_LENGTH,)),
-        ("LEVITATE for NaN seconds", commands.levitate(math.nan), (Code.BAD_VALUE,)),
-        ("LEVITATE for 61 s", commands.levitate(61.0), (Code.BAD_VALUE,)),
-        ("DELEVITATE in -1 s", commands.delevitate(-1.0), (Code.BAD_VALUE,)),
-        ("DELEVITATE in 1 s while off", commands.delevitate(1.0), (Code.WRONG_STATE,)),
-        ("DELEVITATE at once while off", commands.delevitate(0.0), (Code.DONE,)),
-        ("PARAMETERS of an unknown kind", parameters(9, none), (Code.UNKNOWN,)),
-        ("PARAMETERS of a wrong length", parameters(2, none + bytes(8)), (Code.BAD_LENGTH,)),
-        ("a nominal reference of NaN", parameters(2, nan), (Code.BAD_VALUE,)),
-        ("a nominal reference beyond the alarm", parameters(2, far), (Code.BAD_VALUE,)),
-        ("a landing reference beyond the clearance", parameters(3, far), (Code.BAD_VALUE,)),
-        ("gains of NaN", parameters(1, struct.pack("<d", math.nan) * 5 * axes), (Code.BAD_VALUE,)),
-        ("negative gains", parameters(1, struct.pack("<d", -1.0) * 5 * axes), (Code.BAD_VALUE,)),
-        ("right gains", parameters(1, gains * axes), (Code.DONE,)),
-        ("a limit above the configuration", commands.limits(raised), (Code.BAD_VALUE,)),
-        ("a limit of 0", parameters(4, bytes(8) + limits.to_bytes()[8:]), (Code.BAD_VALUE,)),
-        ("an unknown controller", Command(FrameType.CONTROLLER, struct.pack("<Q", 9)), (Code.BAD_VALUE,)),
-        ("a state-space controller without matrices", commands.controller(Law.STATE_SPACE),
-         (Code.WRONG_STATE, Code.DONE)),
-        ("STREAM of more than a frame holds", commands.stream(2000), (Code.TOO_LARGE,)),
-        ("STREAM with unknown options", commands.stream(1, 64), (Code.BAD_VALUE,)),
-        ("ARM while off", commands.arm(1, 1 << 40), (Code.WRONG_STATE,)),
-        ("BITMAP of an unknown upload", Command(FrameType.BITMAP, struct.pack("<I", 12345)), (Code.NO_UPLOAD,)),
-        ("the limits of the configuration", commands.limits(limits), (Code.DONE,)),
-        ("the PD law", commands.controller(Law.PD), (Code.DONE,)),
-    )  # fmt: skip
-    for what, command, wanted in cases:
+    """Commands that are genuine, and wrong; some right ones between them restore what they could have changed."""
+    for what, command, wanted in wrong_commands(target):
         yield from _code(target, what, command, *wanted)
+    yield from _unknown_type(target)
+
+
+def _unknown_type(target: Exchange) -> Iterator[str]:
+    """A genuine frame of a type that the protocol does not have."""
     counter = target.writer.counter + 1
     target.writer.catch_up(counter)
     unknown = bytearray(seal(target.session, FrameType.CURRENT, counter, b""))

@@ -211,7 +211,7 @@ class Exchange:
         raise TargetError("no genuine reply to HEARTBEAT")
 
     def listen(self, seconds: float) -> list[Received]:
-        """What comes in so many seconds.
+        """What arrives within a time.
 
         Parameters
         ----------

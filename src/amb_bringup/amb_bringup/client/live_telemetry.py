@@ -12,7 +12,7 @@ from amb_ros.qos import HISTORY
 from amb_ros.subscriptions import create_subscription
 
 
-class RunTelemetry:
+class LiveTelemetry:
     """Keeps the telemetry of the newest run, and the highest region in each span of it.
 
     Parameters
