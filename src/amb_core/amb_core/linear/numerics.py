@@ -13,7 +13,7 @@ from threadpoolctl import ThreadpoolController
 
 from amb_core.ground.errors import IdentificationError
 
-_PANEL = 16  # columns that LAPACK turns at once: the fastest for factors of 40 to 200 columns
+_PANEL = 8  # columns that LAPACK turns at once: the fastest for factors of 40 to 200 columns
 
 LARGEST_RADIUS = 1.0 - 1e-6
 """Of the modes of a predictor or a closed loop that is taken as stable."""
