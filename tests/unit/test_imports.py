@@ -14,6 +14,8 @@ import pytest
         ("amb_ident_node.recorder", ("scipy.signal", "numba")),
         ("amb_controller_node.excitation_generator", ("scipy.signal",)),
         ("amb_sim_node.hardware_bridge", ("amb_core.plant", "scipy.interpolate")),
+        ("amb_ident_node.identifier", ("scipy.signal", "scipy.stats")),
+        ("amb_bringup.client", ("numba", "scipy", "amb_core.identification", "amb_core.regions")),
         ("amb_bringup.cli", ("numpy", "rclpy")),
     ],
 )

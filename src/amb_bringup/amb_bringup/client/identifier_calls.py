@@ -6,16 +6,19 @@ import math
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.client.connection import ClientError, GraphConnection
 from amb_bringup.client.request_fields import absolute, controller_name, description_text, known_settings
-from amb_core.data.experiments import DataDescription
-from amb_core.identification import IdentificationProgress, StateSpaceModel
+from amb_core.linear.model import StateSpaceModel
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import Identify
 from amb_msgs.srv import Certify, GetModel, Validate
 from amb_ros.requests import COMPUTED, QUICKLY
+
+if TYPE_CHECKING:
+    from amb_core.data.experiments import DataDescription
+    from amb_core.identification import IdentificationProgress
 
 
 class IdentifiedModel(StateSpaceModel):
@@ -91,6 +94,8 @@ class IdentifierCalls(GraphConnection):
         def on_feedback(message: Any) -> None:
             feedback = message.feedback
             if progress is not None:
+                from amb_core.identification import IdentificationProgress  # takes half a second to import
+
                 cost = None if math.isnan(feedback.cost) else feedback.cost
                 progress(IdentificationProgress(feedback.stage, feedback.done, feedback.total, cost))
 

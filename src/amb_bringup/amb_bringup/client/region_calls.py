@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from amb_bringup.client.connection import ClientError, GraphConnection
 from amb_bringup.client.request_fields import absolute, known_settings
-from amb_core.recording.messages.region_map import region_map_from_message
-from amb_core.recording.messages.region_state import region_state_from_message
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import topics
@@ -48,7 +46,7 @@ class RegionCalls(GraphConnection):
         """
         self._listen_to_regions()
         self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
-        return region_state_from_message(self._region)
+        return self._region_state()
 
     def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
         """Wait until the rotor is in a region in the present run.
@@ -71,6 +69,11 @@ class RegionCalls(GraphConnection):
             return self._region is not None and (self._region.run, self._region.region) == (self._run, region)
 
         self.wait_until(reached, timeout, f"the rotor did not enter region {region.name}")
+        return self._region_state()
+
+    def _region_state(self) -> RegionState:
+        from amb_core.recording.messages.region_state import region_state_from_message  # takes half a second to import
+
         return region_state_from_message(self._region)
 
     def build_map(
@@ -107,6 +110,7 @@ class RegionCalls(GraphConnection):
         ClientError
             If the monitor is missing, refuses, or the map fails.
         """
+        from amb_core.recording.messages.region_map import region_map_from_message
         from amb_core.regions.region_map import MapProgress
 
         def on_feedback(message: Any) -> None:

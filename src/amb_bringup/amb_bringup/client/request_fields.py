@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from amb_bringup.client.connection import ClientError
-from amb_core.data.experiments import DataDescription
+
+if TYPE_CHECKING:
+    from amb_core.data.experiments import DataDescription
 
 FILES = (".yaml", ".yml", ".json", ".npz", ".mat")  # of parameters, and of linear controllers
 
@@ -18,7 +20,7 @@ def absolute(path: str | Path) -> str:
 
 def description_text(description: DataDescription | str | Path) -> str:
     """A description of data as text for a node in another folder: its content, or an absolute path."""
-    if isinstance(description, DataDescription):
+    if not isinstance(description, str | Path):
         return description.text
     return absolute(description) if str(description).lower().endswith(FILES) else str(description)
 

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from amb_core.data.experiments import Finding, IdentificationData, Severity
 from amb_core.ground.errors import AmbError
@@ -173,6 +172,8 @@ def _free(record: LoopRecord, limit: float) -> NDArray[np.bool_]:
 
 def _pd_columns(record: LoopRecord, keep: float, weight: float, on_error: bool) -> tuple[Arrays, Arrays, int]:
     """Position error, its filtered derivative, and the first sample for which the past does not matter."""
+    from scipy.signal import lfilter  # takes half a second to import
+
     error = record.reference - record.position
     source = error if on_error else -record.position
     derived = lfilter([weight, -weight], [1.0, -keep], source - source[0], axis=0)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import ctrlsys
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from amb_core.ground.errors import RobustnessError
 from amb_core.linear.system import LinearSystem
@@ -94,6 +93,8 @@ def h_infinity_norm(system: LinearSystem) -> float:
 
 def _refined(system: LinearSystem, frequency: float, value: float) -> Peak:
     """The top of the peak at a frequency: AB13DD stops within its tolerance below it."""
+    from scipy.optimize import minimize_scalar  # takes a quarter of a second to import
+
     half = 0.5 / system.sample_time
     width = max(_NEIGHBOURHOOD * frequency, 1e-9 * half)
     middle = frequency

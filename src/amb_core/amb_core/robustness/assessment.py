@@ -114,7 +114,7 @@ class Assessment:
     uncertain : UncertainLoop
         Perturbations of the settings.
     mu : MuPeak
-        Structured singular value for them; the loop bears all of them together if it is below 1.
+        Structured singular value for them; the loop tolerates all of them together if it is below 1.
     on_circle : float
         Distance from the unit circle of the pole of the replayed worst case (-).
     bounds : Bounds or None

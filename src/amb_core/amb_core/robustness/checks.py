@@ -64,7 +64,7 @@ def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
         Check(
             "no error of the response that the data leave open makes the loop unstable",
             bounds.small_gain < 1.0,
-            f"{cause} at {where[0]:.4g} Hz of {bounds.small_gain:.2g} times that which the loop bears",
+            f"{cause} at {where[0]:.4g} Hz of {bounds.small_gain:.2g} times that which the loop tolerates",
         ),
     ]
     worst = max(item.sensitivity.value for item in bounds.axes)
@@ -73,12 +73,12 @@ def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
         f"modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times the rotor's own "
         "motion or less"
     )
-    finding = f"data {known.text}; beyond, {assumed} use up {known.beyond:.2g} of what the loop bears"
+    finding = f"data {known.text}; beyond, {assumed} use up {known.beyond:.2g} of what the loop tolerates"
     if not known.whole:
         sides = [side for side, reached in (("below", known.reaches_down), ("above", known.reaches_up)) if not reached]
         finding = (
             f"sensitivity at most {worst:.3f} {known.text} with {percent}; no statement {' or '.join(sides)}, nor on "
-            f"stability: {assumed} could take {known.beyond:.2g} times what the loop bears there"
+            f"stability: {assumed} could take {known.beyond:.2g} times what the loop tolerates there"
         )
         if known.reaches_up:
             finding = (

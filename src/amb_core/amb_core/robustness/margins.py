@@ -40,7 +40,7 @@ class ClassicalMargins:
     phase : Peak
         Phase (rad) by which the loop may be turned either way, with its frequency.
     delay : Peak
-        Additional delay (s) that the loop bears, with its frequency.
+        Additional delay (s) that the loop tolerates, with its frequency.
     """
 
     axis: str

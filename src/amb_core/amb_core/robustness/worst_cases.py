@@ -83,7 +83,7 @@ class AxisBounds:
 
 @dataclass(frozen=True, eq=False)
 class Gap:
-    """Distance of the models of the ellipsoid, and the distance that the loop bears.
+    """Distance of the models of the ellipsoid, and the distance that the loop tolerates.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class WorstCases:
         return self.plants.worst(objective, self._wider * radius_of_one(self.settings.confidence))
 
     def gap(self) -> Gap:
-        """Worst nu-gap to the estimate, and what the loop bears."""
+        """Worst nu-gap to the estimate, and what the loop tolerates."""
         margin, scale = stability_margin(self.feedback, self.plants.frequency)
         parts = 2 * self.plants.nominal[0].size
         radius = self._wider * radius_of_all(self.settings.confidence, parts)

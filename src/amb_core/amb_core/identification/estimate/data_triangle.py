@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
-from amb_core.linear.numerics import thin_svd
+from amb_core.linear.numerics import thin_svd, with_rows
 
 _BLOCK = 4_000  # rows of the data matrix held at once
 
@@ -44,8 +44,7 @@ class DataTriangle:
             for start in range(part.start + past, part.stop - future, _BLOCK):
                 stop = min(start + _BLOCK, part.stop - future)
                 block = np.hstack([z[start + lag : stop + lag] for lag in lags])
-                # NumPy's is a third faster than SciPy's.
-                factor = np.asarray(np.linalg.qr(np.vstack([factor, block]), mode="r"))
+                factor = with_rows(factor, block)
                 self.rows += stop - start
         self._factor = factor / math.sqrt(self.rows)
 

@@ -22,6 +22,7 @@ from scipy import linalg
 from amb_core.identification.estimate.filter_bank import Fit, Modes, best_gains, filtered, gain_sensitivity
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
+from amb_core.linear.numerics import with_rows
 
 _MEMORY = 200  # steps; longer ones cost time
 _MOST_COLUMNS = 2_000  # steps times signals: time grows with their cube, memory with their square, 32 MB a matrix
@@ -88,7 +89,9 @@ class FiniteMemory:
     def best(self, modes: Modes, weight: NDArray[np.float64]) -> Fit:
         """The best predictor with given modes, as `fit_gains` finds it from all samples."""
         rows = np.hstack([self._signals(modes).reshape(len(self.lagged), -1), self.direct, self.outputs])
-        return best_gains(modes, np.asarray(np.linalg.qr(rows, mode="r")), weight, self.direct.shape[1])
+        columns = rows.shape[1]
+        factor = with_rows(np.asarray(np.linalg.qr(rows[:columns], mode="r")), rows[columns:])
+        return best_gains(modes, factor, weight, self.direct.shape[1])
 
     def error_covariance(self, fit: Fit) -> NDArray[np.float64]:
         """Covariance of the one-step prediction errors of a fit to any data, shape (p, p)."""

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.linear.numerics import with_rows
 from amb_core.linear.small_matrices import add_product, set_matrix_product, set_product
 
 _BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many
@@ -106,7 +107,7 @@ def experiment_factor(
         sensitivity = _regress(f, c, inputs[part], sensitivity, np.empty_like(sensitivity), regressors)
         by_d = np.einsum("ri,kj->krij", np.eye(p), present[part]).reshape(len(regressors), p, -1)
         rows = np.dstack([regressors, by_d, unexplained[part, :, np.newaxis]]).reshape(-1, columns)
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
+        factor = with_rows(factor, rows)
     return factor
 
 

@@ -27,6 +27,7 @@ from amb_core.identification.control_law import (
     state_of,
 )
 from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import with_rows
 from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.records import LoopRecord
@@ -114,7 +115,7 @@ def sensitivity_factor(
             record.position[part], state, change, law_state, law_change, rows,
         )  # fmt: skip
         rows /= scale[:, np.newaxis]
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows.reshape(-1, columns + 1)]), mode="r"))
+        factor = with_rows(factor, rows.reshape(-1, columns + 1))
     return factor
 
 

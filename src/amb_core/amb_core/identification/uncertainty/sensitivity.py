@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from amb_core.identification.uncertainty.directions import Directions
 from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.numerics import with_rows
 
 _ENTRIES = 1_000_000  # of the derivatives of states held at once
 
@@ -89,7 +90,7 @@ def sensitivity(
         derivatives = model.c @ changes + np.tensordot(seen[part], by_state, axes=1)
         derivatives[:, :, n:free] += np.eye(p)
         derivatives = weight @ derivatives
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, derivatives.reshape(-1, columns)]), mode="r"))
+        triangle = with_rows(triangle, derivatives.reshape(-1, columns))
         weighted = errors[part] @ weight.T
         scores += [
             np.tensordot(weighted[first : first + batch], derivatives[first : first + batch], axes=2)

@@ -152,7 +152,8 @@ def check_residuals(
         Parameters of the model that were estimated, and samples that they were estimated from; 0 for a model that is
         known exactly.
     undisturbed : tuple of two sequences of ndarray, shapes (steps, p), (steps, m), optional
-        Residuals without disturbances that are known, and their inputs, for the test of independence; by default all.
+        Residuals without disturbances that are known, and their inputs, for the test of independence, in the units of
+        outputs and inputs; by default all.
 
     Returns
     -------

@@ -56,7 +56,7 @@ def write_image(folder: Path, name: str, figure: Figure, title: str, alt: str) -
     image = folder / f"{name}.png"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        figure.savefig(image, metadata={"Title": title, "Description": alt}, pil_kwargs={"optimize": True})
+        figure.savefig(image, metadata={"Title": title, "Description": alt})
     except OSError as problem:
         raise AmbError(f"figure {name} in {folder}: cannot be written: {problem.strerror}") from None
     return image

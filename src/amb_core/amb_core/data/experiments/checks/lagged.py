@@ -9,9 +9,9 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
 
 from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.linear.numerics import with_rows
 
 _BLOCK = 4_000  # rows of the data matrix held at once
 
@@ -54,6 +54,6 @@ def triangle_of(matrices: Iterable[NDArray[np.float64]]) -> tuple[NDArray[np.flo
         columns = matrix.shape[1]
         if not rows:
             factor = np.zeros((columns, columns))
-        factor = linalg.qr(np.vstack([factor, matrix]), mode="r", overwrite_a=True, check_finite=False)[0][:columns]
+        factor = with_rows(factor, matrix)
         rows += len(matrix)
     return factor, rows
