@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification import StateSpaceModel, identify, pem, ssarx
+from amb_core.identification import IdentificationData, StateSpaceModel, identify, pem, ssarx
 from amb_core.identification.estimate.filter_bank import Modes, fit_gains
 from amb_core.identification.estimate.predictor import innovations
 from amb_core.identification.progress import SearchEnd
+from tests.benchmarks.robust.misfit_plants import draw
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -168,3 +169,13 @@ def test_data_that_determine_no_model_are_refused(bearing: LinearBearing) -> Non
     record, start = bearing.experiment(**BASE_NOISE), start_of(bearing)
     with pytest.raises(IdentificationError, match="input 2 is constant"):
         pem(record.current * [1.0, 0.0], record.position, start)
+
+
+@pytest.mark.parametrize("samples", [10_000, 20_000])
+def test_a_search_from_two_about_equal_modes_of_the_predictor_does_not_stall(samples: int) -> None:
+    """The pole 0.926 twice: in an orthonormal basis of that pair the search ended 8 standard deviations away."""
+    plant = draw("honest", 6)
+    data = IdentificationData.from_record(plant.record(samples, 12))
+    found = identify(data, plant.order, controller=plant.mild)
+    assert found.search is not None and found.search.converged
+    assert found.uncertainty is not None and found.uncertainty.distance < 0.5

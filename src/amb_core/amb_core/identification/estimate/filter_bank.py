@@ -31,6 +31,7 @@ from amb_core.linear.numerics import thin_svd, with_rows
 
 _BLOCK = 1_000  # samples whose signals are held at once
 _SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest
+_LEAST_OBSERVABLE = 1e-12  # eigenvalue of a block's Gramian, relative to the other
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,11 @@ class Modes:
 
     @classmethod
     def of(cls, f: NDArray[np.float64], c: NDArray[np.float64]) -> Modes:
-        """Block-diagonal form with an orthonormal basis per block, of F with independent pairs of modes.
+        """Block-diagonal form with output-normal blocks, of F with independent pairs of modes.
 
         A block has a pair of complex modes or two neighbouring real ones, which may become complex or change places.
+        Its observability Gramian is a multiple of I: in an orthonormal basis instead, a pair of about equal modes may
+        have off-diagonal entries near zero, whose products move its determinant, and searches stall.
 
         Raises
         ------
@@ -72,8 +75,8 @@ class Modes:
         f, c = np.linalg.solve(basis, f @ basis), c @ basis
         blocks = (n + 1) // 2
         f, c = np.pad(f, (0, 2 * blocks - n)), np.pad(c, ((0, 0), (0, 2 * blocks - n)))
-        m = np.array([f[i : i + 2, i : i + 2] for i in range(0, n, 2)])
-        c = np.array([c[:, i : i + 2] for i in range(0, n, 2)])
+        pairs = [_output_normal(f[i : i + 2, i : i + 2], c[:, i : i + 2]) for i in range(0, n, 2)]
+        m, c = np.array([pair[0] for pair in pairs]), np.array([pair[1] for pair in pairs])
         return cls(m, c / np.maximum(np.linalg.norm(c, axis=(1, 2), keepdims=True), np.finfo(float).tiny), n)
 
     @property
@@ -107,6 +110,16 @@ class Modes:
         return Modes(
             self.m + step[:split].reshape(self.m.shape), self.c + step[split:].reshape(self.c.shape), self.order
         )
+
+
+def _output_normal(m: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A stable block where its observability Gramian is I; unchanged if a state is seen in no output."""
+    gramian = np.linalg.solve(np.eye(4) - np.kron(m.T, m.T), (c.T @ c).ravel()).reshape(2, 2)
+    least, largest = np.linalg.eigvalsh(gramian)
+    if not least > _LEAST_OBSERVABLE * largest:
+        return m, c
+    root = np.linalg.cholesky(gramian).T
+    return root @ m @ np.linalg.inv(root), c @ np.linalg.inv(root)
 
 
 @dataclass(frozen=True)

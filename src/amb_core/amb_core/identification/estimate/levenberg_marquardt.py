@@ -88,14 +88,17 @@ def minimise(
     return point
 
 
-def damped_step(sensitivity: Arrays, errors: Arrays, damping: float) -> tuple[Arrays, float, float]:
+def damped_step(
+    sensitivity: Arrays, errors: Arrays, damping: float, least_scale: float = 1e-8
+) -> tuple[Arrays, float, float]:
     """Levenberg-Marquardt step, and its predicted relative decrease of the sum of squares, with and without damping.
 
     Damping is relative to the largest eigenvalue of the Gauss-Newton matrix of parameters of equal effect. Where no
-    parameter has an effect, there is no step and nothing is predicted.
+    parameter has an effect, there is no step and nothing is predicted. A parameter whose effect, relative to the
+    largest, is below `least_scale` is not scaled up to equal effect, so that it moves little.
     """
     scale = np.linalg.norm(sensitivity, axis=0)
-    scale = np.maximum(scale, 1e-8 * scale.max() + np.finfo(float).tiny)
+    scale = np.maximum(scale, least_scale * scale.max() + np.finfo(float).tiny)
     left, singular, right = thin_svd(sensitivity / scale)
     along = left.T @ errors
     level = damping * singular[0] ** 2

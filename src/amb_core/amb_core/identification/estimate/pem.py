@@ -36,11 +36,12 @@ from amb_core.identification.progress import SearchEnd
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import LARGEST_RADIUS, small_matrices
 
-MOST_ITERATIONS = 22
+MOST_ITERATIONS = 30
 MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number
 _REFINING_GAIN = 1e-4  # likewise with finite memory: far below what a state must gain for the criterion of Schwarz
 _REFINING_ITERATIONS = 12
 _BESIDE_CHANCE = 0.1  # of what the true parameters leave by chance: a search that leaves less has converged
+_LEAST_SCALE = 1e-1  # effect of an entry of F or C, relative to the largest: one below it moves little
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; far below the noise of the data
 
 
@@ -169,7 +170,7 @@ def fit_modes(
     if progress is not None:
         progress(iteration, cost)
     while iteration < most_iterations:
-        step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value)
+        step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value, _LEAST_SCALE)
         if not possible >= least_gain or (hopeless is not None and hopeless(cost, possible)):
             break
         if not promised > 0.0:  # steps were refused so often that the damping leaves nothing of the next one
@@ -184,7 +185,7 @@ def fit_modes(
         if progress is not None:
             progress(iteration, cost)
     if ended is not None:
-        left = damped_step(fit.sensitivity, fit.errors, damping.value)[2]
+        left = damped_step(fit.sensitivity, fit.errors, damping.value, _LEAST_SCALE)[2]
         ended(SearchEnd(iteration, left, left < least_gain))
     return fit
 
