@@ -96,6 +96,27 @@ def test_the_peak_gain_is_above_a_fine_grid_by_rounding_only() -> None:
     assert peak.value == pytest.approx(grid, rel=1e-6)
 
 
+def test_peaks_of_loops_with_identified_models_are_found() -> None:
+    """The symplectic eigenvalues of 8 of these loops do not converge, those of the others end at a gain of 1.085."""
+    a = [
+        [-0.000836018, -1.00005, -0.298946, -0.0415101, -533.076],
+        [1.14965, 2.10097, 0.349821, 0.0490095, 598.984],
+        [-0.350098, -0.34176, 0.382721, -0.237414, -173.903],
+        [0.0229909, 0.0231888, 0.00935834, 0.010701, 20.6541],
+        [-0.000728289, -0.000711532, -0.000222043, -3.09257e-05, 0.605071],
+    ]
+    b = [[-1431430.0], [1608400.0], [-466968.0], [55460.8], [-1024.0]]
+    c = [[7.1122e-07, 6.94855e-07, 2.16839e-07, 3.02009e-08, 0.0]]
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        near = np.array(a) * (1.0 + 1e-7 * rng.standard_normal((5, 5)))
+        loop = LinearSystem(near, np.array(b), np.array(c), np.eye(1), STEP)
+        peak = peak_gain(loop)
+        grid = np.linalg.norm(loop.response(np.linspace(320.0, 340.0, 4_001)), 2, axis=(1, 2)).max()
+        assert peak.value == pytest.approx(grid, rel=1e-8)
+        assert peak.frequency == pytest.approx(328.3, rel=1e-2)
+
+
 def test_series_parallel_and_beside_are_products_sums_and_blocks_of_responses() -> None:
     first, second, frequency = system(seed=1), system(inputs=3, outputs=2, seed=2), np.array([10.0, 300.0, 4_000.0])
     one, two = first.response(frequency), second.response(frequency)
