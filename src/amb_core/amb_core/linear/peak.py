@@ -2,10 +2,10 @@
 
 The peak is the L-infinity norm, found by the Hamiltonian eigenvalues of SLICOT's AB13DD and not on a grid; a bounded
 search around the frequency that it gives brings the value to rounding. AB13DD takes the system in the plane of the
-bilinear transform, which keeps the peak: the symplectic eigenvalues of the discrete system are of less accuracy, and on
-loops of identified models they miss peaks by up to a quarter. The eigenvalues also lose their accuracy in states of very
-different sizes, such as those of axes in different units: states are balanced before, and the result is compared with
-the response at the angles of the poles and on a coarse grid.
+bilinear transform, which keeps the peak: the symplectic eigenvalues of the discrete system are of less accuracy, and
+miss peaks of loops with identified models by up to a quarter. The eigenvalues also lose their accuracy in states of
+very different sizes, such as those of axes in different units: states are balanced before, and the result is compared
+with the response at the angles of the poles and on a coarse grid.
 
 Source: N. A. Bruinsma and M. Steinbuch, A fast algorithm to compute the H-infinity norm of a transfer function matrix,
 Systems and Control Letters 14 (1990); P. Benner, V. Sima and M. Voigt, L-infinity-norm computation for continuous-time
@@ -88,7 +88,7 @@ def peak_gain(system: LinearSystem) -> Peak:
 
 
 def _bilinear(system: LinearSystem) -> tuple[Arrays, Arrays, Arrays, Arrays]:
-    """The system in s with z = (1 + s)/(1 - s): s = j tan(w T/2) on the unit circle, infinite at half the sample rate."""
+    """The system in s of z = (1 + s)/(1 - s); on the unit circle s = j tan(w T/2), infinite at half the sample rate."""
     inverse = np.linalg.inv(np.eye(system.order) + system.a)
     b, c = inverse @ system.b, system.c @ inverse
     a = inverse @ (system.a - np.eye(system.order))
