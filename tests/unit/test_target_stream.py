@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import functools
 import os
+import struct
 import subprocess
 import tempfile
+import termios
 import tty
 from pathlib import Path
 
@@ -30,6 +33,7 @@ PUBLISHED = [
     (b"\x11\x22\x33\x44", "0511223344"), (b"\x11\0\0\0", "0211010101"), (bytes(range(1, 255)), None),
 ]  # fmt: skip
 """Examples that descriptions of COBS give; the longest run without a zero has a code of its own."""
+TERMINAL_QUEUE = 4095  # bytes that wait for a terminal's reader, at most
 
 
 class Stream(ctypes.Structure):
@@ -178,15 +182,23 @@ def test_the_recorded_frames_pass_a_pseudo_terminal_both_ways() -> None:
         listening.close()
 
 
+def fill(host: int, device: int) -> None:
+    """Fill a pseudo-terminal: the device's side, and the queue into which the kernel moves bytes when it finds time."""
+    os.set_blocking(device, False)
+    full = False
+    while not full:
+        full = struct.unpack("i", fcntl.ioctl(host, termios.FIONREAD, b"\0" * 4))[0] == TERMINAL_QUEUE
+        with pytest.raises(BlockingIOError):
+            while True:
+                os.write(device, b"\x7f" * 1_000)
+
+
 def test_a_line_that_nobody_reads_loses_frames_and_goes_on() -> None:
     host, device = os.openpty()
     tty.setraw(device)
     wire = SerialWire(os.ttyname(device))
     try:
-        os.set_blocking(device, False)
-        with pytest.raises(BlockingIOError):
-            while True:
-                os.write(device, b"\x7f" * 1_000)
+        fill(host, device)
         wire.send(FRAMES[0])  # no room
         os.set_blocking(host, False)
         reader, before = StreamReader(), []

@@ -49,13 +49,13 @@ def remove(files: Collection[Path]) -> None:
     A port that another process has open stays: that process would send to the removed one for ever.
     """
     ports = {path for path in files if _PORT_LOCK.fullmatch(f"{path.name}_el") and path.exists()}
-    for path in set(files) - (_open_elsewhere() & ports if ports else set()):
+    for path in set(files) - (open_elsewhere() & ports if ports else set()):
         for file in (path, path.with_name(f"{path.name}_el"), path.with_name(f"sem.{path.name}_mutex")):
             with contextlib.suppress(OSError):
                 file.unlink(missing_ok=True)
 
 
-def _open_elsewhere() -> set[Path]:
+def open_elsewhere() -> set[Path]:
     """Files of Fast DDS that other processes have in their memory."""
     files = set()
     for process in Path("/proc").glob("[0-9]*"):
