@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.identification.validation import largest_root
 from amb_core.identification.validation.residuals import decorrelated
 from amb_core.identification.validation.tones import find_tones, without_tones
 from amb_core.identification.validation.verdict import SIGNIFICANT
@@ -42,7 +43,7 @@ _DAMPING, _MOST_DAMPED = 0.01, 0.1
 _LINES = 10.0  # half the bandwidth of a resonator at least, in lines of the record: the statistic needs as many
 _STEP = 1.02  # factor from one frequency to the next
 _NEIGHBOURHOOD = 35  # frequencies to either side: an octave
-_PAST = 4  # samples before of errors and inputs, whose part is removed
+_PAST = 2  # samples before of errors and inputs, whose part is removed
 _HIGHEST = 0.8  # of the Nyquist frequency
 _ALIKE = 1e-10  # eigenvalue of columns of length 1, relative to the largest, below which it is rounding
 _NOTHING = 1e-13  # square of what is left of a column of length 1, below which it is rounding
@@ -117,11 +118,12 @@ def find_ringing(
     states = (_states(pole, signals)[_PAST:] for pole in poles)
     explained = np.array([_explained(rest, one, past) for one in states]) / allowance
     beside = [explained[max(place - _NEIGHBOURHOOD, 0) : place + _NEIGHBOURHOOD] for place in range(len(grid))]
-    level, degrees = np.array([np.median(part) for part in beside]), 2 * p * signals.shape[1]
+    level, rows = np.array([np.median(part) for part in beside]), 2 * signals.shape[1]
     heights = explained / level
     # Where errors are not white anyway, that much more than beside it: a noncentral chi-square variable, nearly normal.
-    spread = np.sqrt(2.0 * (degrees + 2.0 * np.maximum(level - degrees, 0.0)))
-    p_values = np.maximum(special.chdtrc(degrees, explained), special.ndtr((level - explained) / spread))
+    spread = np.sqrt(2.0 * (level + np.maximum(level - largest_root.mean(rows, p), 0.0)))
+    by_chance = largest_root.survival(explained, rows, p)
+    p_values = np.maximum(by_chance, special.ndtr((level - explained) / spread))
     shares = _shares(tones.rest, motion, grid * sample_time)
     high, by_chance = heights > NOTABLE, np.minimum(len(grid) * p_values, 1.0)
     refuses = high & (by_chance < SIGNIFICANT) & (shares > SHARE)  # a small peak does not hide one that matters
@@ -155,7 +157,7 @@ def _without(basis: Arrays, values: Arrays) -> Arrays:
 
 
 def _explained(errors: Arrays, regressors: Arrays, removed: Arrays) -> float:
-    """Squared length of the errors in the space of what orthonormal columns, removed from both, leave of regressors."""
+    """Squared length of a combination of errors in the space of what orthonormal columns leave of regressors."""
     scaled = regressors / np.maximum(np.linalg.norm(regressors, axis=0), np.finfo(float).tiny)
     along = removed.T @ scaled
     power = scaled.T @ scaled - along.T @ along
@@ -163,7 +165,7 @@ def _explained(errors: Arrays, regressors: Arrays, removed: Arrays) -> float:
     values, vectors = np.linalg.eigh(power / np.outer(left, left))
     kept = values > _ALIKE * values[-1]
     along = vectors[:, kept].T @ ((scaled / left).T @ errors) / np.sqrt(values[kept])[:, np.newaxis]
-    return float(np.sum(along**2))
+    return float(np.linalg.norm(along, 2) ** 2)
 
 
 @numba.njit(cache=True)
