@@ -244,7 +244,10 @@ def _known(
     if validation is None:
         return None
     with one_blas_thread():
-        band = error_band(validation.model, [*records, validation.data], settings.mode_damping, settings.mode_ring_down)
+        data = [*records, validation.data]
+        band = error_band(
+            validation.model, data, settings.mode_damping, settings.mode_ring_down, action=feedback.action
+        )
         return known_band(feedback, band, settings)
 
 

@@ -81,7 +81,9 @@ class PlantSet:
     into : ndarray, shape (f, k, q)
         From the semi-axes back to xi: rows of unit length.
     error : ndarray, shape (f,)
-        Size of a further change of the response that is no change of the parameters (m/A), as a Frobenius norm.
+        Size of a further change D of the response that is no change of the parameters: Frobenius norm of D N.
+    without : ndarray of complex, shape (f, m, m)
+        Pseudo-inverses of N: a loop sees no more of D than D N.
     """
 
     frequency: Arrays
@@ -89,10 +91,13 @@ class PlantSet:
     axes: Arrays
     into: Arrays
     error: Arrays
+    without: Complexes
 
     @classmethod
-    def of(cls, uncertainty: ModelUncertainty, frequency: Arrays, error: Arrays | None = None) -> PlantSet:
-        """The responses of the models of an estimate, and of plants that differ from them by a further error."""
+    def of(
+        cls, uncertainty: ModelUncertainty, frequency: Arrays, error: tuple[Arrays, Complexes] | None = None
+    ) -> PlantSet:
+        """The responses of the models of an estimate, and of plants that differ by a further error: its size, and N."""
         model, by = uncertainty.model, uncertainty.deviations
         nominal, changes = [], []
         for _, by_state, by_input in transfers(model, frequency, model.b):
@@ -101,13 +106,15 @@ class PlantSet:
         change = np.concatenate(changes)
         flat = change.reshape(len(change), -1, change.shape[-1])
         u, size, into = np.linalg.svd(np.concatenate([flat.real, flat.imag], axis=1), full_matrices=False)
-        none = np.zeros(len(frequency))
+        none = np.zeros(len(frequency)), np.tile(np.eye(model.inputs, dtype=np.complex128), (len(frequency), 1, 1))
+        further, weight = none if error is None else error
         return cls(
             frequency,
             np.concatenate(nominal),
             u * size[:, np.newaxis, :],
             into,
-            none if error is None else error,
+            further,
+            np.asarray(np.linalg.pinv(weight), dtype=np.complex128),
         )
 
     @property
@@ -138,8 +145,10 @@ class PlantSet:
                 better = value > best[places]
                 best[places[better]], at[places[better]] = value[better], factors[better]
                 factors = radius * _unit(self.slope(slope, places))
-                size = np.linalg.norm(slope, axis=(1, 2)) + np.finfo(float).tiny
-                error = slope * (self.error[places] / size)[:, np.newaxis, np.newaxis]
+                without = self.without[places]
+                of_product = slope @ without.conj().transpose(0, 2, 1)
+                size = np.linalg.norm(of_product, axis=(1, 2)) + np.finfo(float).tiny
+                error = of_product * (self.error[places] / size)[:, np.newaxis, np.newaxis] @ without
 
         every = np.arange(count)
         little = 1e-6 * radius * random.normal(size=(count, axes))  # at the estimate there may be no slope
@@ -165,7 +174,7 @@ def radius_of_all(confidence: float, count: int) -> float:
 
 
 def closed_loop_objective(
-    feedback: Feedback, frequency: Arrays, left: Arrays, right: Arrays, plus: Arrays
+    feedback: Feedback, frequency: Arrays, left: Arrays | Complexes, right: Arrays, plus: Arrays
 ) -> Objective:
     """The gain of left H right + plus, with H the closed loop from (w_u, w_y) to (u, y) of `feedback`.
 

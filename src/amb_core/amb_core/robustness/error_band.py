@@ -14,6 +14,10 @@ are too far apart for a mode of the least damping, it could hide between them: t
 that the lines resolve is widened by as much as the peak of the narrower one is higher. Where nothing is excited, the
 band is infinite.
 
+A loop sees of an error D only its product with the loop's action A = C S, from references to currents. At a resonance
+of the plant, currents in the direction of the mode are small: data of a loop then say little of D, and enough of D A.
+So the band of a loop is that of the product.
+
 Sources: L. Ljung, Model validation and model error modeling, in B. Wittenmark and A. Rantzer (eds.), The Astrom
 Symposium on Control, 1999; W. Reinelt, A. Garulli and L. Ljung, Comparing different approaches to model error modeling
 in robust identification, Automatica 38 (2002).
@@ -23,7 +27,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +35,7 @@ import numpy as np
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.prediction import predict
-from amb_core.linear import Arrays, LinearSystem
+from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.robustness.mode_fits import Lines, Spectra, fit_modes, lines_of
 
@@ -43,16 +47,16 @@ _LEAST_POWER = 1e-10  # of the references at a frequency, relative to the larges
 
 @dataclass(frozen=True, eq=False)
 class ErrorBand:
-    """Error of a model's response, largest singular value, over frequency.
+    """Error of a model's response over frequency, largest singular value, as it is or times the action of a loop.
 
     Attributes
     ----------
     frequency : ndarray, shape (f,)
         Frequencies (Hz), so close that no mode lies between them.
     shown : ndarray, shape (f,)
-        Error that the data show (m/A).
+        Error that the data show (m/A, or without unit).
     open : ndarray, shape (f,)
-        Error that the data leave open beside it (m/A); infinite where they say nothing.
+        Error that the data leave open beside it, in the same unit; infinite where they say nothing.
     damping : float
         Least damping ratio of the modes.
     narrower : ndarray, shape (k,)
@@ -83,7 +87,11 @@ class ErrorBand:
 
 
 def error_band(
-    model: StateSpaceModel, records: Sequence[IdentificationData], damping: float, ring_down: float = math.inf
+    model: StateSpaceModel,
+    records: Sequence[IdentificationData],
+    damping: float,
+    ring_down: float = math.inf,
+    action: Callable[[Arrays], Complexes] | None = None,
 ) -> ErrorBand | None:
     """The band that records of a loop show of a model; None if none of them has a reference that moves.
 
@@ -98,6 +106,8 @@ def error_band(
         Least damping ratio of modes that the model may lack.
     ring_down : float
         Longest time constant of their decay (s): slow modes are damped more.
+    action : callable, optional
+        What errors are multiplied by, from frequencies (Hz), shape (f,), to (f, m, m); nothing by default.
     """
     spectra = [one for data in records if (one := _spectra(model, data))]
     if not spectra:
@@ -110,13 +120,16 @@ def error_band(
     if not 0.0 < first < last:
         return None
     frequency = first * np.exp(damping * np.arange(int(math.log(last / first) / damping) + 1))
+    weight = np.broadcast_to(np.eye(model.inputs, dtype=np.complex128), (len(frequency), model.inputs, model.inputs))
+    if action is not None:
+        weight = action(frequency)
     shown, open_ = np.zeros(len(frequency)), np.full(len(frequency), -math.inf)
     resolved = np.zeros(len(frequency), dtype=bool)
     least_damped = np.maximum(damping, 1.0 / (2.0 * np.pi * frequency * ring_down))
     ratio, step = damping, 1
     while ratio <= BROADEST:
         places = np.arange(0, len(frequency), step)
-        fitted = fit_modes(lines, frequency[places], ratio)
+        fitted = fit_modes(lines, frequency[places], ratio, weight[places])
         size, left = (np.interp(np.arange(len(frequency)), places, values) for values in fitted)
         known = np.isfinite(left)
         # A mode narrower than this one that hides between the lines is higher, and seen with less than its peak.
@@ -128,10 +141,12 @@ def error_band(
         ratio, step = ratio * WIDER, step * round(WIDER)
     open_ = np.where(resolved, np.maximum(open_ - shown, 0.0), math.inf)
     shown = np.where(resolved, shown, 0.0)
-    return ErrorBand(frequency, shown, open_, damping, _narrower(lines, frequency, shown, open_, damping))
+    return ErrorBand(frequency, shown, open_, damping, _narrower(lines, frequency, weight, shown, open_, damping))
 
 
-def _narrower(lines: Lines, frequency: Arrays, shown: Arrays, open_: Arrays, damping: float) -> Arrays:
+def _narrower(
+    lines: Lines, frequency: Arrays, weight: Complexes, shown: Arrays, open_: Arrays, damping: float
+) -> Arrays:
     """Where the data show a mode with less damping than any is assumed to have.
 
     The band shows it with less than its peak, as a maximum; a narrower shape shows more. The difference of two allowed
@@ -141,7 +156,8 @@ def _narrower(lines: Lines, frequency: Arrays, shown: Arrays, open_: Arrays, dam
     ratio, places = damping / WIDER, np.flatnonzero((shown > open_) & (shown >= beside))
     offsets = ratio * np.arange(-round(WIDER), round(WIDER) + 1)
     about = frequency[places, np.newaxis] * np.exp(offsets)
-    size, left = (values.reshape(about.shape) for values in fit_modes(lines, about.ravel(), ratio))
+    same = np.repeat(weight[places], len(offsets), axis=0)
+    size, left = (values.reshape(about.shape) for values in fit_modes(lines, about.ravel(), ratio, same))
     return np.asarray(frequency[places[(size - left).max(axis=1) > 2.0 * shown[places] + open_[places]]])
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from amb_core.ground.errors import RobustnessError
 from amb_core.identification.closed_loop import loop_axes
-from amb_core.linear import Arrays, LinearSystem, connections
+from amb_core.linear import Arrays, Complexes, LinearSystem, connections
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.linear_control import linear_law
@@ -106,6 +106,10 @@ class Feedback:
             plant.sample_time,
         )
         return connections.feedback(extended, self.controller.scaled(-1.0, 1.0))
+
+    def action(self, frequency: Arrays) -> Complexes:
+        """C S_o, from references to control currents (A/m), at frequencies (Hz); shape (f, m, p)."""
+        return np.ascontiguousarray(self.closed.response(frequency)[:, : self.inputs, self.inputs :])
 
     @property
     def stable(self) -> bool:

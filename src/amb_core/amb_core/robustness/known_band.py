@@ -2,7 +2,7 @@
 
 With the error D of the response the loop stays stable if it is stable without, D is stable and, at every frequency,
 
-    ||D|| ||C S|| < 1                                                                       (small gain).
+    ||D C S|| < 1                                                                           (small gain).
 
 Data count where what they leave open of D uses up less than a share of this. From where the sensitivity peaks the known
 band reaches to the first frequency below and above at which they do not.
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from amb_core.linear import Arrays
+from amb_core.linear import Arrays, Complexes
 from amb_core.robustness.error_band import ErrorBand
 from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.settings import RobustnessSettings
@@ -43,9 +43,9 @@ class KnownBand:
     reaches_down, reaches_up : bool
         Whether the assumptions cover what lies below it and above it.
     beyond : float
-        Largest ||D|| ||C S|| above it under the assumptions; below 1 they keep the loop stable.
+        Largest ||D C S|| above it under the assumptions; below 1 they keep the loop stable.
     band : ErrorBand or None
-        What the data show and leave open.
+        What the data show and leave open of D C S.
     mass : float
         ||P|| f^2 above the band (m Hz^2/A).
     settings : RobustnessSettings
@@ -82,15 +82,26 @@ class KnownBand:
         below_high = (frequency <= self.high) | self.reaches_up
         return np.asarray(above_low & below_high & (not self.empty))
 
-    def error(self, feedback: Feedback, frequency: Arrays) -> Arrays:
-        """Size of D at frequencies of which something is stated (m/A)."""
+    def error(self, feedback: Feedback, frequency: Arrays) -> tuple[Arrays, Complexes]:
+        """Size of D N at frequencies of which something is stated, shape (f,), and N, shape (f, m, m).
+
+        N is C S in the band and at its lower end below it, so the size has no unit; above it is 1 (m/A).
+        """
         assert self.band is not None
-        found = self.band.within(np.clip(frequency, self.low, self.high))[1]
         above = frequency > self.high
+        at = np.clip(frequency, self.low, self.high)
+        found, action = self.band.within(at)[1], feedback.action(at)
+        action[above] = np.eye(feedback.inputs)
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
-            found[above] = np.maximum(found[above], size + self._of_class(frequency[above]))
-        return found
+            found[above] = np.maximum(self._at_end(feedback), size + self._of_class(frequency[above]))
+        return found, action
+
+    def _at_end(self, feedback: Feedback) -> float:
+        """Size of D at the upper end of the band (m/A)."""
+        end = np.array([self.high])
+        assert self.band is not None
+        return float(self.band.within(end)[1][0] / np.linalg.norm(feedback.action(end)[0], -2))
 
     def _of_class(self, frequency: Arrays) -> Arrays:
         modes = self.settings.mode_gain / (2.0 * self.settings.mode_damping)
@@ -98,16 +109,15 @@ class KnownBand:
 
 
 def known_band(feedback: Feedback, band: ErrorBand | None, settings: RobustnessSettings) -> KnownBand:
-    """What an error band makes known of a loop, which must be stable."""
+    """What the error band of a loop makes known of it; it must be stable."""
     nothing = KnownBand(math.nan, math.nan, False, False, math.inf, band, math.nan, settings)
     if band is None:
         return nothing
     m, frequency = feedback.inputs, band.frequency
     closed = feedback.closed.response(frequency)
-    action = np.linalg.norm(closed[:, :m, m:], 2, axis=(1, 2))
     peak = int(np.argmax(np.linalg.norm(closed[:, m:, m:], 2, axis=(1, 2))))
     allowed = np.where(np.arange(len(frequency)) < peak, OPEN_BELOW, OPEN_ABOVE)
-    unknown = np.flatnonzero(~(action * band.open < allowed))
+    unknown = np.flatnonzero(~(band.open < allowed))
     if peak in unknown:
         return nothing
     below, above = unknown[unknown < peak], unknown[unknown > peak]
@@ -118,6 +128,6 @@ def known_band(feedback: Feedback, band: ErrorBand | None, settings: RobustnessS
     mass = float(np.median(np.linalg.norm(feedback.plant.response(octave), 2, axis=(1, 2)) * octave**2))
     found = KnownBand(low, high, low <= BELOW * float(frequency[peak]), True, 0.0, band, mass, settings)
     rest = np.geomspace(high, 0.5 / feedback.plant.sample_time, 500)[1:]
-    by_action = np.linalg.norm(feedback.closed.response(rest)[:, :m, m:], 2, axis=(1, 2))
-    beyond = float(np.max(by_action * found.error(feedback, rest)))
+    by_action = np.linalg.norm(feedback.action(rest), 2, axis=(1, 2))
+    beyond = float(np.max(by_action * found.error(feedback, rest)[0]))
     return KnownBand(low, high, found.reaches_down, beyond < 1.0, beyond, band, mass, settings)

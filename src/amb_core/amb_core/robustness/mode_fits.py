@@ -100,8 +100,8 @@ def lines_of(records: Sequence[Sequence[Spectra]], least: float) -> Lines:
     return Lines((frequency, power, r, u, d), starts, np.array([np.ones(len(of_record), dtype=bool), *alone]), least)
 
 
-def fit_modes(lines: Lines, at: Arrays, damping: float) -> tuple[Arrays, Arrays]:
-    """Error of the response at the peak of modes, and what the data leave open beside it.
+def fit_modes(lines: Lines, at: Arrays, damping: float, weight: Complexes) -> tuple[Arrays, Arrays]:
+    """Error of the response at the peak of modes, weighted, and what the data leave open beside it.
 
     All records together determine it best if they are of one bearing. One that contradicts this counts alone.
 
@@ -113,15 +113,17 @@ def fit_modes(lines: Lines, at: Arrays, damping: float) -> tuple[Arrays, Arrays]
         Frequencies of the modes (Hz).
     damping : float
         Damping ratio of all of them.
+    weight : ndarray of complex, shape (n, m, c)
+        Errors are multiplied by it from the right.
 
     Returns
     -------
     size, open : ndarray, shape (n,)
-        Largest singular value of the error (m/A), and its confidence (m/A): 0 and infinite where the lines do not
-        determine it.
+        Largest singular value of the weighted error, and its confidence, in the same unit: 0 and infinite where the
+        lines do not determine it.
     """
     halves = damping * at
-    error, open_ = _errors(lines, at, halves)
+    error, open_ = _errors(lines, at, halves, weight)
     size = np.linalg.norm(error, 2, axis=(2, 3))
     known = np.isfinite(open_)
     apart = np.linalg.norm(error - error[:, :1], 2, axis=(2, 3))
@@ -133,8 +135,8 @@ def fit_modes(lines: Lines, at: Arrays, damping: float) -> tuple[Arrays, Arrays]
     return np.where(determined, size[places, largest], 0.0), np.where(determined, open_[places, largest], np.inf)
 
 
-def _errors(lines: Lines, at: Arrays, halves: Arrays) -> tuple[Complexes, Arrays]:
-    """Errors by instrumental variables, shape (n, s, p, m), and what is open; infinite where they are not determined.
+def _errors(lines: Lines, at: Arrays, halves: Arrays, weight: Complexes) -> tuple[Complexes, Arrays]:
+    """Weighted errors by instrumental variables, shape (n, s, p, c), and what is open; infinite where not determined.
 
     The errors are 0 there.
     """
@@ -152,8 +154,10 @@ def _errors(lines: Lines, at: Arrays, halves: Arrays) -> tuple[Complexes, Arrays
     invertible = np.where(determined[..., np.newaxis, np.newaxis], ur, np.eye(references))
     inverse = np.asarray(np.linalg.inv(invertible), dtype=np.complex128)
     error = np.asarray(np.where(determined[..., np.newaxis, np.newaxis], yr @ inverse, 0.0), dtype=np.complex128)
-    scatter = _scatter(lines.arrays, lines.starts, lines.sets, at, halves, lines.least, error, inverse)
+    weighted = np.ascontiguousarray(inverse @ weight[:, np.newaxis])
+    scatter = _scatter(lines.arrays, lines.starts, lines.sets, at, halves, lines.least, error, weighted)
     free = np.where(determined, free, 1.0)
+    error = error @ weight[:, np.newaxis]
     count = error.shape[2] * error.shape[3]
     quantile = special.fdtri(2 * count, 2.0 * free, CONFIDENCE)
     return error, np.where(determined, np.sqrt(quantile * scatter * counted / free), math.inf)
@@ -202,9 +206,9 @@ def _add_product(values: Complexes, references: Complexes, lines: int, total: Co
 @numba.njit(cache=True)
 def _scatter(
     arrays: _Arrays, starts: Integers, sets: Flags, at: Arrays, halves: Arrays, least: float,
-    error: Complexes, inverse: Complexes,
+    error: Complexes, weighted: Complexes,
 ) -> Arrays:  # fmt: skip
-    """What the errors leave of each line, squared, times the square of its weight in them; shape (n, s)."""
+    """What the errors leave of each line, squared, times the square of its share in what is weighted; shape (n, s)."""
     _, _, r, u, d = arrays
     work = _work(arrays, starts)
     _, z, x, y = work
@@ -223,11 +227,11 @@ def _scatter(
                             left -= error[place, chosen, row, column] * x[line, column]
                         rest += left.real**2 + left.imag**2
                     gain = 0.0
-                    for column in range(u.shape[1]):
-                        weight = 0.0j
+                    for column in range(weighted.shape[3]):
+                        share = 0.0j
                         for row in range(r.shape[1]):
-                            weight += np.conj(z[line, row]) * inverse[place, chosen, row, column]
-                        gain += weight.real**2 + weight.imag**2
+                            share += np.conj(z[line, row]) * weighted[place, chosen, row, column]
+                        gain += share.real**2 + share.imag**2
                     scatter[place, chosen] += rest * gain
     return scatter
 

@@ -195,11 +195,11 @@ class WorstCases:
         return found.unbounded() if math.isinf(replayed) else found
 
     def small_gain(self) -> tuple[float, float]:
-        """Largest ||D|| ||C S|| of the errors D and the models, and its frequency."""
+        """Largest ||D C S|| of the errors D and the models, and its frequency."""
         m, size = self.feedback.inputs, self.feedback.inputs + self.feedback.outputs
         both = np.eye(size)
-        shift = np.zeros((m, size - m))
-        objective = closed_loop_objective(self.feedback, self.plants.frequency, both[:m], both[:, m:], shift)
+        shift, left = np.zeros((m, size - m)), self.plants.without @ both[:m]
+        objective = closed_loop_objective(self.feedback, self.plants.frequency, left, both[:, m:], shift)
         action = self.plants.alone.worst(objective, self._wider * radius_of_one(self.settings.confidence)).curve
         gain = action * self.plants.error
         place = int(np.argmax(gain))
