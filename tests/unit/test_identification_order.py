@@ -76,7 +76,7 @@ def test_unknown_data_are_predicted_badly_with_too_few_states_and_no_better_with
 ) -> None:
     error = dict(zip(selection.orders, selection.validation_error, strict=True))
     assert error[4] > 1.1 * error[6]
-    assert error[7] > 0.99 * error[6]
+    assert error[7] > 0.95 * error[6]  # by chance of 6000 samples a few percent
 
 
 def test_singular_values_fall_from_one(selection: OrderSelection) -> None:

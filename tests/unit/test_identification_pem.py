@@ -125,21 +125,40 @@ def test_what_progress_raises_ends_the_search(bearing: LinearBearing) -> None:
 
 @pytest.mark.parametrize("order", [2, 4])
 def test_the_sensitivities_are_the_derivatives_of_the_cost(order: int) -> None:
-    random = np.random.default_rng(2)
+    f = np.random.default_rng(2).normal(size=(order, order))
+    check_slopes(0.9 * f / np.max(np.abs(np.linalg.eigvals(f))), places=order // 2)
+
+
+def test_those_between_blocks_of_about_equal_modes_are_too() -> None:
+    check_slopes(np.kron(np.diag([1.0, 1.01]), np.array([[0.7, 0.2], [-0.2, 0.7]])), places=4)
+
+
+def check_slopes(f: np.ndarray, places: int) -> None:
+    """Compare derivatives of squared errors, by the sensitivities, with differences, on random data."""
+    random = np.random.default_rng(3)
+    modes = Modes.of(f, random.normal(size=(2, len(f))))
+    assert len(modes.places) == places
     inputs, outputs = random.normal(size=(500, 2)), random.normal(size=(500, 2))
-    f = random.normal(size=(order, order))
-    modes = Modes.of(0.9 * f / np.max(np.abs(np.linalg.eigvals(f))), random.normal(size=(2, order)))
-    weight = np.array([[1.0, 0.0], [0.3, 2.0]])
+    weight, step = np.array([[1.0, 0.0], [0.3, 2.0]]), 1e-6
     fit = fit_gains(modes, inputs, outputs, weight)
-    gradient = -2.0 * fit.sensitivity.T @ fit.errors
-    step = 1e-6
-    for index, slope in enumerate(gradient):
-        change = np.zeros(len(gradient))
-        change[index] = step
-        up, down = (
-            np.sum(fit_gains(modes.moved(sign * change), inputs, outputs, weight).errors ** 2) for sign in (1.0, -1.0)
-        )
-        assert slope == pytest.approx((up - down) / (2.0 * step), abs=1e-7)
+
+    def cost(change: np.ndarray) -> float:
+        return float(np.sum(fit_gains(Modes.of(*modes.moved(change)), inputs, outputs, weight).errors ** 2))
+
+    for slope, change in zip(
+        -2.0 * fit.sensitivity.T @ fit.errors, step * np.eye(fit.sensitivity.shape[1]), strict=True
+    ):
+        assert slope == pytest.approx((cost(change) - cost(-change)) / (2.0 * step), abs=1e-7)
+
+
+def test_a_search_of_alike_axes_does_not_stall() -> None:
+    """Their modes are equal: in coordinates in which each stands alone, they may turn into one another at will."""
+    plant = draw("honest", 246)
+    record = plant.record(20_000, 2 * 246)
+    assert record is not None
+    result = identify(IdentificationData.from_record(record), plant.order, controller=plant.mild)
+    assert result.search is not None and result.search.converged
+    assert result.uncertainty is not None and result.uncertainty.distance < 0.1
 
 
 def test_the_filter_bank_predicts_as_the_state_space_form_does() -> None:

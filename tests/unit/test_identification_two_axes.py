@@ -1,7 +1,7 @@
 """Models of the bearing's two axes stay what they were: the same bits.
 
-`data/two_axes.npz` has what the code gave, and on which arithmetic: `pem` since its blocks are output-normal, the
-others since before models of any number of axes, to rounding. There the bits are compared; on other processors and
+`data/two_axes.npz` has what the code gave, and on which arithmetic: `pem` since it moves F between about equal modes,
+the others since before models of any number of axes, to rounding. There the bits are compared; on other processors and
 libraries, which round otherwise, the responses.
 
 `python tests/unit/test_identification_two_axes.py` writes the file again.

@@ -7,19 +7,23 @@ With t = tr M and d = det M the contribution of a block to the prediction is
 
 where w holds inputs and outputs, G the block's rows of (B, K). The derivatives by the entries of M are sums of v, z v
 and, filtered once more, s = v / (z^2 - t z + d), z s. So four signals per block and channel replace the data, for any
-number of parameters. The first state of each experiment enters as one more channel, an impulse before its first
-sample. A constant in each output is estimated along: means of data that do not end as they began are not an equilibrium
-of the plant, and their error would pass for dynamics. Direct feedthrough adds D u; B then stands for B - K D. An odd
-order is padded with a state that is neither controllable nor observable.
+number of parameters. Between blocks M and N with about equal modes, whose coordinates may turn rapidly, F is moved off
+its diagonal too: one more signal r = v / (z^2 - t_N z + d_N), and z r, for each such pair. The first state of each
+experiment enters as one more channel, an impulse before its first sample. A constant in each output is estimated along:
+means of data that do not end as they began are not an equilibrium of the plant, and their error would pass for
+dynamics. Direct feedthrough adds D u; B then stands for B - K D. An odd order is padded with a state that is neither
+controllable nor observable.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, section 10.3 (gradients by filtering).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numba
 import numpy as np
@@ -31,6 +35,7 @@ from amb_core.linear.numerics import thin_svd, with_rows
 
 _BLOCK = 1_000  # samples whose signals are held at once
 _SMALLEST_SINGULAR_VALUE = 1e-12  # of the regressors, relative to the largest
+_ALIKE = 0.1  # difference of the denominators of two blocks, relative to them, below which a step moves F between them
 _LEAST_OBSERVABLE = 1e-12  # eigenvalue of a block's Gramian, relative to the other
 
 
@@ -104,12 +109,32 @@ class Modes:
         n = self.order
         return linalg.block_diag(*self.m)[:n, :n], np.hstack(list(self.c))[:, :n]
 
-    def moved(self, step: NDArray[np.float64]) -> Modes:
-        """The modes after a step in the coordinates of `Fit.sensitivity`."""
-        split = self.m.size
-        return Modes(
-            self.m + step[:split].reshape(self.m.shape), self.c + step[split:].reshape(self.c.shape), self.order
-        )
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of blocks with about equal modes."""
+        return [pair for pair in itertools.combinations(range(self.order // 2), 2) if self._alike(*pair)]
+
+    @cached_property
+    def places(self) -> list[tuple[int, int]]:
+        """Blocks of F, as row and column, in which a step moves it."""
+        own = [(block, block) for block in range(len(self.m))]
+        return own + [place for one, other in self.pairs for place in ((one, other), (other, one))]
+
+    def _alike(self, one: int, other: int) -> bool:
+        """Whether the denominators of two blocks are about the same at the frequencies of their modes."""
+        pair = [one, other]
+        z = np.exp(1j * np.angle(np.linalg.eigvals(self.m[pair]).ravel()))
+        first, second = z**2 - self.trace[pair, np.newaxis] * z + self.determinant[pair, np.newaxis]
+        return bool(np.all(np.abs(first - second) < _ALIKE * np.minimum(np.abs(first), np.abs(second))))
+
+    def moved(self, step: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """F and C after a step in the coordinates of `Fit.sensitivity`."""
+        f, c = linalg.block_diag(*self.m), np.hstack(list(self.c))
+        split = 4 * len(self.places)
+        for (i, j), change in zip(self.places, step[:split].reshape(-1, 2, 2), strict=True):
+            f[2 * i : 2 * i + 2, 2 * j : 2 * j + 2] += change
+        c = c + np.hstack(list(step[split:].reshape(self.c.shape)))
+        return f[: self.order, : self.order], c[:, : self.order]
 
 
 def _output_normal(m: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -137,7 +162,8 @@ class Fit:
     errors : ndarray, shape (p * rows,)
         Weighted errors, one output after the other, in the coordinates of the factor.
     sensitivity : ndarray, shape (p * rows, parameters)
-        Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, with the gains adapted.
+        Derivatives of the weighted predictions by the entries of the blocks of F that `modes.places` names, then by
+        those of `modes.c`, with the gains adapted.
     feedthrough : ndarray, shape (p, m) or (p, 0)
         D; without columns if there is no direct feedthrough.
     """
@@ -188,10 +214,10 @@ def fit_gains(
 
 
 def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.float64], direct: int = 0) -> Fit:
-    """As `fit_gains`, from a factor of the filters' signals (block, kind, channel), direct inputs and outputs."""
+    """As `fit_gains`, from a factor of the filters' signals (signal, channel), direct inputs and outputs."""
     p, blocks = len(weight), len(modes.m)
     filtered_columns = factor.shape[1] - p - direct
-    signals = factor[:, :filtered_columns].reshape(len(factor), blocks, 4, -1)
+    signals = factor[:, :filtered_columns].reshape(len(factor), _signals(modes), -1)
     regressors = gain_sensitivity(modes, signals, weight)
     if direct:
         regressors = np.hstack([regressors, direct_sensitivity(factor[:, filtered_columns:-p], weight)])
@@ -220,7 +246,7 @@ def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.flo
 
 def gain_sensitivity(modes: Modes, signals: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Derivatives of the weighted predictions by the gains (block, state, channel), shape (p * rows, gains)."""
-    v, zv, c = signals[:, :, 0], signals[:, :, 1], weight @ modes.c
+    v, zv, c = signals[:, 0 : 4 * len(modes.m) : 4], signals[:, 1 : 4 * len(modes.m) : 4], weight @ modes.c
     by_gain = np.einsum("bia,rbj->irbaj", c, zv) - np.einsum("bia,rbj->irbaj", c @ modes.adjoint, v)
     return np.asarray(by_gain.reshape(len(weight) * len(signals), -1))
 
@@ -233,25 +259,35 @@ def direct_sensitivity(inputs: NDArray[np.float64], weight: NDArray[np.float64])
 def _sensitivity(
     modes: Modes, gains: NDArray[np.float64], signals: NDArray[np.float64], weight: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Derivatives of the weighted predictions by the entries of `modes.m`, then `modes.c`, the gains held."""
-    v, zv, s, zs = (signals[:, :, kind] for kind in range(4))
-    adjoint, c = modes.adjoint, weight @ modes.c
-    trace, determinant = modes.trace[:, np.newaxis, np.newaxis], modes.determinant[:, np.newaxis, np.newaxis]
+    """Derivatives of the weighted predictions by the entries of `modes.places`, then `modes.c`, the gains held."""
+    blocks = len(modes.m)
+    v, zv, s, zs = (signals[:, kind : 4 * blocks : 4] for kind in range(4))
+    r, zr = signals[:, 4 * blocks :: 2], signals[:, 4 * blocks + 1 :: 2]
+    adjoint, c, determinant = modes.adjoint, weight @ modes.c, modes.determinant
     rows = len(weight) * len(signals)
     by_c = np.einsum("bac,rbc->rba", gains, zv) - np.einsum("bac,rbc->rba", adjoint @ gains, v)
-    by_m = np.empty((len(weight), len(signals), *modes.m.shape))
-    for row, column in np.ndindex(2, 2):
-        change = np.zeros((2, 2))
-        change[row, column] = 1.0
-        # C (z I - M)^-1 change (z I - M)^-1 G w, with z^2 of the numerator divided by the denominator.
-        by_v = c @ change
-        by_zs = c @ (trace * change - adjoint @ change - change @ adjoint)
-        by_s = c @ (adjoint @ change @ adjoint - determinant * change)
-        by_m[..., row, column] = sum(
-            np.einsum("bia,bac,rbc->irb", left, gains, signal, optimize=True)
-            for left, signal in ((by_v, v), (by_zs, zs), (by_s, s))
-        )
-    return np.hstack([by_m.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
+    by_f = np.empty((len(weight), len(signals), len(modes.places), 2, 2))
+    for place, (i, j) in enumerate(modes.places):
+        pair = (place - blocks) // 2
+        twice, then = (s[:, i], zs[:, i]) if i == j else (r[:, pair], zr[:, pair])
+        for row, column in np.ndindex(2, 2):
+            change = np.zeros((2, 2))
+            change[row, column] = 1.0
+            # C_i (z I - M_i)^-1 change (z I - M_j)^-1 G_j w, with z^2 of the numerator divided by the denominator of i.
+            terms = (
+                (change, v[:, j]),
+                (modes.trace[i] * change - adjoint[i] @ change - change @ adjoint[j], then),
+                (adjoint[i] @ change @ adjoint[j] - determinant[i] * change, twice),
+            )
+            by_f[:, :, place, row, column] = sum(
+                np.einsum("ia,ac,rc->ir", c[i] @ left, gains[j], signal, optimize=True) for left, signal in terms
+            )
+    return np.hstack([by_f.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
+
+
+def _signals(modes: Modes) -> int:
+    """Signals of each channel: v, z v, s, z s of every block, then r, z r of every pair."""
+    return 4 * len(modes.m) + 2 * len(modes.pairs)
 
 
 def _factor(
@@ -261,46 +297,58 @@ def _factor(
     outputs: NDArray[np.float64],
     parts: list[slice],
 ) -> NDArray[np.float64]:
-    """Triangular factor of filters' signals (block, kind, channel), direct inputs, outputs, over the root of steps.
+    """Triangular factor of filters' signals (signal, channel), direct inputs, outputs, over the root of steps.
 
     All are without their means over all steps: the factor of them with a constant before them, less its row and column.
     """
     steps, measured = len(inputs), inputs.shape[1] + outputs.shape[1]
     w = np.hstack([inputs, outputs, np.zeros((steps, len(parts)))])
-    triangle = np.zeros((0, 1 + len(modes.m) * 4 * w.shape[1] + direct.shape[1] + outputs.shape[1]))
+    triangle = np.zeros((0, 1 + _signals(modes) * w.shape[1] + direct.shape[1] + outputs.shape[1]))
     for index, experiment in enumerate(parts):
-        state = np.zeros((len(modes.m), 4, w.shape[1]))
-        state[:, 1, measured + index] = 1.0  # z v of the impulse one step before the first sample
+        state = np.zeros((_signals(modes), w.shape[1]))
+        state[1 : 4 * len(modes.m) : 4, measured + index] = 1.0  # z v of the impulse one step before the first sample
         for start in range(experiment.start, experiment.stop, _BLOCK):
             part = slice(start, min(start + _BLOCK, experiment.stop))
             signals = np.empty((len(w[part]), *state.shape))
-            _filter(modes.trace, modes.determinant, w[part], state, signals)
+            _filter(modes.trace, modes.determinant, _pairs(modes), w[part], state, signals)
             constant, flat = np.ones((len(signals), 1)), signals.reshape(len(signals), -1)
             triangle = with_rows(triangle, np.hstack([constant, flat, direct[part], outputs[part]]))
     return triangle[1:, 1:] / math.sqrt(steps)
 
 
 def filtered(modes: Modes, w: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Signals v, z v, s, z s of every block and channel of w, from rest, shape (steps, blocks, 4, channels)."""
-    signals = np.empty((len(w), len(modes.m), 4, w.shape[1]))
-    _filter(modes.trace, modes.determinant, w, np.zeros(signals.shape[1:]), signals)
+    """All signals of every channel of w, from rest, shape (steps, signals, channels); see `_signals`."""
+    signals = np.empty((len(w), _signals(modes), w.shape[1]))
+    _filter(modes.trace, modes.determinant, _pairs(modes), w, np.zeros(signals.shape[1:]), signals)
     return signals
+
+
+def _pairs(modes: Modes) -> NDArray[np.int64]:
+    return np.array(modes.pairs, dtype=np.int64).reshape(-1, 2)
 
 
 @numba.njit(cache=True)
 def _filter(
     trace: NDArray[np.float64],
     determinant: NDArray[np.float64],
+    pairs: NDArray[np.int64],
     w: NDArray[np.float64],
     state: NDArray[np.float64],
     signals: NDArray[np.float64],
 ) -> None:
-    """Fill in v, z v, s, z s of every block and channel, shape (steps, blocks, 4, channels); advance `state`."""
+    """Fill in all signals of every channel, shape (steps, signals, channels); advance `state`."""
+    blocks = len(trace)
     for step in range(len(w)):
         signals[step] = state
-        for block in range(len(trace)):
+        for pair in range(len(pairs)):
+            first, second, place = pairs[pair, 0], pairs[pair, 1], 4 * blocks + 2 * pair
+            for channel in range(w.shape[1]):
+                r, zr = state[place, channel], state[place + 1, channel]
+                state[place, channel] = zr
+                state[place + 1, channel] = trace[second] * zr - determinant[second] * r + state[4 * first, channel]
+        for block in range(blocks):
             t, d = trace[block], determinant[block]
-            now = state[block]
+            now = state[4 * block : 4 * block + 4]
             for channel in range(w.shape[1]):
                 v, zv, s, zs = now[0, channel], now[1, channel], now[2, channel], now[3, channel]
                 now[0, channel], now[1, channel] = zv, t * zv - d * v + w[step, channel]

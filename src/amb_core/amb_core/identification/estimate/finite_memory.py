@@ -103,13 +103,13 @@ class FiniteMemory:
         return np.asarray(errors @ errors.T)
 
     def _signals(self, modes: Modes) -> NDArray[np.float64]:
-        """The signals v, z v, s, z s of the filter bank in the coordinates of the rows, shape (rows, blocks, 4, q)."""
+        """The signals of the filter bank in the coordinates of the rows, shape (rows, signals, q)."""
         rows, q, memory = self.lagged.shape
         impulse = np.zeros((memory + 1, 1))
         impulse[0] = 1.0
         answers = filtered(modes, impulse)[1:].reshape(memory, -1)
         signals = self.lagged.reshape(rows * q, memory) @ answers
-        return signals.reshape(rows, q, len(modes.m), 4).transpose(0, 2, 3, 1)
+        return signals.reshape(rows, q, -1).transpose(0, 2, 1)
 
 
 def memory_of(data: ScaledData) -> int:

@@ -33,10 +33,11 @@ from amb_core.identification.estimate.finite_memory import FiniteMemory
 from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
 from amb_core.identification.progress import SearchEnd
+from amb_core.linear import Arrays
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import LARGEST_RADIUS, small_matrices
 
-MOST_ITERATIONS = 30
+MOST_ITERATIONS = 80
 MOST_EXPERIMENTS = 10  # each has its own first state, and time grows with the square of their number
 _REFINING_GAIN = 1e-4  # likewise with finite memory: far below what a state must gain for the criterion of Schwarz
 _REFINING_ITERATIONS = 12
@@ -176,7 +177,7 @@ def fit_modes(
         if not promised > 0.0:  # steps were refused so often that the damping leaves nothing of the next one
             break
         iteration += 1
-        trial = _try(fit.modes.moved(step), best, _weight(fit.covariance))
+        trial = _try(*fit.modes.moved(step), best, _weight(fit.covariance))
         if trial is None or not cost_of(trial) < cost:
             damping.refused()
             continue
@@ -250,12 +251,12 @@ def _searched_again(
     return second
 
 
-def _try(modes: Modes, best: Callable[[Modes, NDArray[np.float64]], Fit], weight: NDArray[np.float64]) -> Fit | None:
-    """The fit with these modes in renewed coordinates; None if they do not make a stable predictor."""
-    if not modes.radius < LARGEST_RADIUS:
-        return None
+def _try(f: Arrays, c: Arrays, best: Callable[[Modes, Arrays], Fit], weight: Arrays) -> Fit | None:
+    """The fit with these matrices of the predictor, in renewed coordinates; None if it is not stable."""
     try:
-        return best(Modes.of(*modes.matrices()), weight)
+        if not np.max(np.abs(np.linalg.eigvals(f))) < LARGEST_RADIUS:
+            return None
+        return best(Modes.of(f, c), weight)
     except linalg.LinAlgError:
         return None
 
