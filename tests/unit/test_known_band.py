@@ -117,6 +117,18 @@ def test_nothing_is_known_above_the_excitation_and_nothing_stated_if_modes_may_b
         assert np.isfinite(without.error(feedback, np.geomspace(0.5 * without.low, 5_000.0, count))[0]).all()
 
 
+def test_slow_modes_below_the_band_are_excluded_by_the_loop_or_by_noise(bearing, true) -> None:
+    long = EXCITED | {"duration": 4.0, "frequency_end": 4_500.0}
+    feedback = feedback_of(true, LAW)
+    band = band_of(true, bearing.experiment(2e-9, "multisine", force=0.01, **long), feedback)
+    for ring_down, borne in ((0.01, True), (1.0, False)):
+        settings = replaced(mode_ring_down=ring_down)
+        unexplained = known_band(feedback, band, settings, noise_explained=False)
+        assert (unexplained.slower < 1.0) == borne
+        assert unexplained.reaches_down == borne
+        assert known_band(feedback, band, settings).reaches_down
+
+
 def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(record, true) -> None:
     feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
     known = known_of(true, record, replaced(mode_gain=100.0))
@@ -153,9 +165,18 @@ def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) 
     light = with_mode(true, 600.0, 0.005, 0.3)
     uncertainty = estimate_uncertainty(light, IdentificationData.from_record(record))
     known = known_of(true, record)
-    check = assumption_check(replace(uncertainty, root=1e-6 * uncertainty.root), known, SETTINGS)
+    sure = replace(uncertainty, root=1e-6 * uncertainty.root)
+    check = assumption_check(feedback_of(light, LAW), sure, known, SETTINGS)
     assert not check.passed
     assert "the mode at 600 Hz has 0.005" in check.finding
+
+
+def test_a_mode_of_the_model_that_the_data_do_not_show_contradicts_nothing(record, true) -> None:
+    """An order too high by two gives such a mode: hardly damped, and far below what the data leave open."""
+    light = with_mode(true, 600.0, 0.005, 1e-7)
+    uncertainty = estimate_uncertainty(light, IdentificationData.from_record(record))
+    sure = replace(uncertainty, root=1e-6 * uncertainty.root)
+    assert assumption_check(feedback_of(light, LAW), sure, known_of(true, record), SETTINGS).passed
 
 
 def test_an_assumed_damping_that_a_mode_contradicts_which_the_model_lacks_is_refused(record, true) -> None:
@@ -164,7 +185,7 @@ def test_an_assumed_damping_that_a_mode_contradicts_which_the_model_lacks_is_ref
     band = band_of(wrong, record)
     uncertainty = estimate_uncertainty(true, IdentificationData.from_record(record))
     known = replace(known_of(true, record), band=band)
-    check = assumption_check(uncertainty, known, SETTINGS)
+    check = assumption_check(feedback_of(true, LAW), uncertainty, known, SETTINGS)
     assert not check.passed
     assert "the mode that the model lacks at" in check.finding
 

@@ -45,6 +45,7 @@ from amb_core.robustness.worst_cases import FAR, AxisBounds
 ON_CIRCLE = 1e-6  # distance of the replayed pole from the unit circle at most
 WIDE_GAP = 0.1  # of the bounds of mu, relative, from which the finding names it
 Statement = Literal["certified", "certified with reservations", "predicted", "restricted", "not certified"]
+_OF_NOISE = ("ringing", "whiteness", "independence")  # conditions of a validation by which noise shows dynamics
 FARTHEST = 30.0  # of a model from the best one of its data, in standard deviations
 
 
@@ -248,7 +249,8 @@ def _known(
         band = error_band(
             validation.model, data, settings.mode_damping, settings.mode_ring_down, action=feedback.action
         )
-        return known_band(feedback, band, settings)
+        explained = all(item.level is Verdict.VALIDATED for item in validation.conditions if item.key in _OF_NOISE)
+        return known_band(feedback, band, settings, explained)
 
 
 def _amplitude(records: Sequence[IdentificationData]) -> dict[str, float]:
@@ -288,7 +290,7 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
     if uncertainty is None:
         return [*checks, Check("the uncertainty of the model is known", False, "no data of the model are given")]
     if known is not None:
-        checks += [*band_checks(assessment, known), assumption_check(uncertainty, known, settings)]
+        checks += [*band_checks(assessment, known), assumption_check(assessment.feedback, uncertainty, known, settings)]
     if bounds is None:
         return checks
     worst = max(bounds.axes, key=lambda item: item.sensitivity.value)

@@ -54,6 +54,7 @@ def _values(certificate: Certificate) -> dict[str, Any]:
             "low": certificate.known.low,
             "high": certificate.known.high,
             "whole": certificate.known.whole,
+            "slower": certificate.known.slower,
             "beyond": certificate.known.beyond,
         }
     found = certificate.assessment

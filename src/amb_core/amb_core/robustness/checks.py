@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.known_band import KnownBand
 from amb_core.robustness.measured import COHERENT, MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
@@ -83,21 +84,34 @@ def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
         if known.reaches_up:
             finding = (
                 f"sensitivity at most {worst:.3f} from {known.low:.3g} Hz with {percent}; no statement below, nor on "
-                "stability"
+                f"stability: slower modes could take {known.slower:.2g} times what the loop tolerates there; excite "
+                "lower frequencies"
             )
     return [*checks, Check(COVERED, known.whole, finding)]
 
 
-def assumption_check(uncertainty: ModelUncertainty, known: KnownBand, settings: RobustnessSettings) -> Check:
-    """Whether the model has a mode with less damping than any is assumed to have, or lacks one that the data show."""
+def assumption_check(
+    feedback: Feedback, uncertainty: ModelUncertainty, known: KnownBand, settings: RobustnessSettings
+) -> Check:
+    """Whether the model has a mode with less damping than any is assumed to have, or lacks one that the data show.
+
+    A mode of the model below what the data leave open is none that they show.
+    """
     model, found = uncertainty.model, []
+    values, vectors = np.linalg.eig(model.a)
+    seen, driven = model.c @ vectors, np.linalg.pinv(vectors) @ model.b
     for pole, spread in zip(model.poles(), uncertainty.pole_deviations(), strict=True):
         if pole.imag <= 0.0 or abs(pole) >= 1.0:
             continue
         rate = np.log(complex(pole))
         frequency, damping = abs(rate) / (2.0 * np.pi * model.sample_time), -rate.real / abs(rate)
         open_ = _REACH * float(np.linalg.norm(spread)) / abs(rate)
-        if known.low <= frequency <= known.high and damping < _LIGHT and damping + open_ < settings.mode_damping:
+        if not (known.low <= frequency <= known.high and damping < _LIGHT and damping + open_ < settings.mode_damping):
+            continue
+        number, at = int(np.argmin(np.abs(values - pole))), np.array([frequency])
+        peak = np.outer(seen[:, number], driven[number]) / (1.0 - abs(pole)) @ feedback.action(at)[0]
+        shown, both = (0.0, 0.0) if known.band is None else (float(part[0]) for part in known.band.within(at))
+        if np.linalg.norm(peak, 2) > both - shown:
             found.append(f"the mode at {frequency:.4g} Hz has {damping:.3g} ± {open_:.1g}")
     lacking = [] if known.band is None else known.band.narrower.tolist()
     found += [

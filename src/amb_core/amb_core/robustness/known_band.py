@@ -10,14 +10,15 @@ band reaches to the first frequency below and above at which they do not.
 Above it the response is that of a mass, continued from the last octave, and modes of a gain up to g relative to it and
 a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
 loop is known as a whole; otherwise, and where they leave its sensitivity beyond its zone (`assess_known`), nothing is
-stated above, nor on stability. Below the band the error is taken as
-large as at its lower end, if that lies well below the peak of the sensitivity.
+stated above, nor on stability. Below the band the error is taken as large as at its lower end, if that lies well below
+the peak of the sensitivity, and slow modes are excluded: either the loop bears those of the same gain that ring down as
+assumed, or noise, which moves the rotor at all frequencies, shows none that the model lacks.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from amb_core.robustness.settings import RobustnessSettings
 OPEN_BELOW, OPEN_ABOVE = 0.25, 0.5
 """Of the small gain, what the data may leave open below and above the peak of the sensitivity: below, the loop acts on
 errors most and they widen its bound."""
+_SLOWEST = 0.1  # of the lower end of the band: slower modes ring down as fast, so they are damped more
 BELOW = 0.5  # of the frequency at which the sensitivity peaks, where the band has to start
 
 
@@ -42,6 +44,8 @@ class KnownBand:
         The band (Hz) in which the data say enough; NaN if there is none.
     reaches_down, reaches_up : bool
         Whether the assumptions cover what lies below it and above it.
+    slower : float
+        Largest ||D C S|| of modes below it under the assumptions; below 1 they keep the loop stable.
     beyond : float
         Largest ||D C S|| above it under the assumptions; below 1 they keep the loop stable.
     band : ErrorBand or None
@@ -56,6 +60,7 @@ class KnownBand:
     high: float
     reaches_down: bool
     reaches_up: bool
+    slower: float
     beyond: float
     band: ErrorBand | None
     mass: float
@@ -108,9 +113,23 @@ class KnownBand:
         return np.asarray((1.0 + modes) * self.mass / frequency**2)
 
 
-def known_band(feedback: Feedback, band: ErrorBand | None, settings: RobustnessSettings) -> KnownBand:
-    """What the error band of a loop makes known of it; it must be stable."""
-    nothing = KnownBand(math.nan, math.nan, False, False, math.inf, band, math.nan, settings)
+def known_band(
+    feedback: Feedback, band: ErrorBand | None, settings: RobustnessSettings, noise_explained: bool = True
+) -> KnownBand:
+    """What the error band of a loop makes known of it.
+
+    Parameters
+    ----------
+    feedback : Feedback
+        The loop, stable.
+    band : ErrorBand or None
+        Of the model's error, times the action of this loop; nothing is known without.
+    settings : RobustnessSettings
+        What is assumed beyond it.
+    noise_explained : bool
+        Whether the residuals show no dynamics that the model lacks.
+    """
+    nothing = KnownBand(math.nan, math.nan, False, False, math.inf, math.inf, band, math.nan, settings)
     if band is None:
         return nothing
     m, frequency = feedback.inputs, band.frequency
@@ -126,8 +145,19 @@ def known_band(feedback: Feedback, band: ErrorBand | None, settings: RobustnessS
     low, high = float(frequency[first]), float(frequency[last])
     octave = np.geomspace(max(low, 0.5 * high), high, 50)
     mass = float(np.median(np.linalg.norm(feedback.plant.response(octave), 2, axis=(1, 2)) * octave**2))
-    found = KnownBand(low, high, low <= BELOW * float(frequency[peak]), True, 0.0, band, mass, settings)
+    slower = _slow_modes(feedback, low, settings)
+    reaches_down = low <= BELOW * float(frequency[peak]) and (noise_explained or slower < 1.0)
+    found = KnownBand(low, high, reaches_down, True, slower, 0.0, band, mass, settings)
     rest = np.geomspace(high, 0.5 / feedback.plant.sample_time, 500)[1:]
     by_action = np.linalg.norm(feedback.action(rest), 2, axis=(1, 2))
     beyond = float(np.max(by_action * found.error(feedback, rest)[0]))
-    return KnownBand(low, high, found.reaches_down, beyond < 1.0, beyond, band, mass, settings)
+    return replace(found, reaches_up=beyond < 1.0, beyond=beyond)
+
+
+def _slow_modes(feedback: Feedback, low: float, settings: RobustnessSettings) -> float:
+    """Largest ||D C S|| of modes below a frequency (Hz), of the assumed gain relative to the rotor's own motion."""
+    frequency = np.geomspace(_SLOWEST * low, low, 100)
+    damping = np.maximum(settings.mode_damping, 1.0 / (2.0 * np.pi * frequency * settings.mode_ring_down))
+    motion = np.linalg.norm(feedback.plant.response(frequency), 2, axis=(1, 2))
+    action = np.linalg.norm(feedback.action(frequency), 2, axis=(1, 2))
+    return float(np.max(settings.mode_gain / (2.0 * damping) * motion * action))

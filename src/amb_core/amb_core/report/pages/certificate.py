@@ -139,7 +139,10 @@ def _known(certificate: Certificate) -> list[Section]:
         return []
     settings = certificate.settings
     no = "nothing: no statement"
-    below = "taken as wrong as at its lower end; no slower modes" if known.reaches_down else no
+    slower = f"modes as above that ring down within {settings.mode_ring_down:g} s use up {known.slower:.2g} there"
+    if known.slower >= 1.0:
+        slower = "the residuals show no slower modes"
+    below = f"taken as wrong as at its lower end; {slower}" if known.reaches_down else no
     above = (
         f"a mass, and modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times its "
         f"motion or less: they use up {known.beyond:.2g} of what the loop tolerates"
