@@ -298,7 +298,8 @@ def _bounds(
         frequency = np.unique(np.concatenate([frequency[known.holds(frequency)], ends]))
     search = WorstCases.of(feedback, uncertainty, frequency, settings, known)
     found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
-    if known is not None and all(math.isfinite(one.replayed) for one in found) and not all(one.linear for one in found):
+    possible = all(math.isfinite(one.replayed) or one.excluded for one in found)
+    if known is not None and possible and not all(one.linear for one in found):
         search = WorstCases.of(feedback, uncertainty, frequency, settings, known, by_data=True)
         found = tuple(search.axis_by_data(axis, one) for axis, one in enumerate(found))
     m, size = feedback.inputs, feedback.outputs

@@ -312,8 +312,8 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
         ),
         Check(
             "the worst models of the ellipsoid make stable loops",
-            all(math.isfinite(item.replayed) for item in bounds.axes),
-            ", ".join(f"{item.name}: peak {item.replayed:.3f}" for item in bounds.axes),
+            all(math.isfinite(item.replayed) or item.excluded for item in bounds.axes),
+            ", ".join(_replayed(item) for item in bounds.axes),
         ),
     ]
     if bounds.all_signals is not None:
@@ -323,15 +323,17 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
     return checks
 
 
+def _replayed(axis: AxisBounds) -> str:
+    """The peak of the worst model of the ellipsoid."""
+    return f"{axis.name}: peak {axis.replayed:.3f}" + (" of a model that the data exclude" if axis.excluded else "")
+
+
 def _share(worst: AxisBounds) -> str:
     """What makes a bound: the models of the ellipsoid, the rest of the response's error, or a response not linear."""
+    if worst.by_data:
+        return f" (by the error of the response that the data leave open; the worst model has {_replayed(worst)})"
     if not math.isfinite(worst.replayed):
         return ""
-    if worst.by_data:
-        return (
-            f" (by the error of the response that the data leave open; the worst model of the ellipsoid has "
-            f"{worst.replayed:.3f})"
-        )
     text = f" (models alone {worst.of_ellipsoid:.3f}, the worst of them as a model {worst.replayed:.3f}"
     return text + (")" if worst.linear else "; the response is not linear in their parameters)")
 
@@ -368,5 +370,5 @@ def _not_linear(assessment: Assessment | None) -> tuple[str, ...]:
         f"linear in the parameters, and {one.replayed:.3f} as models: the data leave the parameters so uncertain; "
         + ("the bounds are those of the response itself" if one.by_data else "take more data, or lower the order")
         for one in assessment.bounds.axes
-        if math.isfinite(one.replayed) and not one.linear
+        if (math.isfinite(one.replayed) or one.by_data) and not one.linear
     )

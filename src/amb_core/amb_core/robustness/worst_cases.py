@@ -50,6 +50,8 @@ class AxisBounds:
         Peak of S of the worst model of the ellipsoid, as a model; infinite if its loop is not stable.
     of_ellipsoid : float
         Largest magnitude of S over the ellipsoid alone, without further errors of the response.
+    excluded : bool
+        Whether that worst model makes an unstable loop, and its response is not among those that the data leave open.
     by_data : bool
         Whether the bounds are those of the error of the response that the data show and leave open, without the
         ellipsoid: its response is not linear in the parameters.
@@ -63,6 +65,7 @@ class AxisBounds:
     zone: Zone
     replayed: float
     of_ellipsoid: float
+    excluded: bool = False
     by_data: bool = False
 
     @property
@@ -163,11 +166,12 @@ class WorstCases:
         return self.uncertainty.distance if self.uncertainty.distance > FAR else 1.0
 
     def axis_by_data(self, axis: int, models: AxisBounds) -> AxisBounds:
-        """Bounds by the error of the response that the data leave open; not below the peak of the worst model."""
+        """Bounds by the error of the response that the data leave open; not below the worst model's finite peak."""
         sensitivity, complementary, disk = (
             self._of_axis(axis, plus, 1.0) for plus in (0.0, -1.0, 0.5 * (self.settings.skew - 1.0))
         )
-        sensitivity = replace(sensitivity, value=max(sensitivity.value, models.replayed))
+        if math.isfinite(models.replayed):
+            sensitivity = replace(sensitivity, value=max(sensitivity.value, models.replayed))
         return replace(
             models,
             sensitivity=sensitivity,
@@ -190,7 +194,8 @@ class WorstCases:
         if math.isinf(self._replayed(axis, of_all)):
             of_all = replace(of_all, value=math.inf)
         zone = zone_of(sensitivity.value, self.settings.sensitivity_limits)
-        found = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value)
+        excluded = math.isinf(replayed) and self._excluded(of_models)
+        found = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value, excluded)
         # Beyond a model on the limit of stability the gain means nothing.
         return found.unbounded() if math.isinf(replayed) else found
 
@@ -210,6 +215,16 @@ class WorstCases:
         moved = self.feedback.with_plant(self.uncertainty.moved(worst.factors))
         part = [self.feedback.inputs + axis]
         return peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf
+
+    def _excluded(self, worst: Worst) -> bool:
+        """Whether the data leave the response of a worst model no longer open; it is not linear in the parameters."""
+        if self.known is None or self.known.band is None:
+            return False
+        inside = (self.plants.frequency >= self.known.low) & (self.plants.frequency <= self.known.high)
+        frequency = self.plants.frequency[inside]
+        moved = self.feedback.with_plant(self.uncertainty.moved(worst.factors)).plant.response(frequency)
+        error = (moved - self.feedback.plant.response(frequency)) @ self.feedback.action(frequency)
+        return bool(np.any(np.linalg.norm(error, 2, axis=(1, 2)) > self.known.error(self.feedback, frequency)[0]))
 
     def _of_axis(self, axis: int, plus: float, radius: float, alone: bool = False) -> Worst:
         """Worst |S + plus| of an axis, with the frequencies around the largest once more and closer.
