@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.plant.kernel import axial as kernel
-from amb_core.plant.packing import pack_amplifier, records_of
+from amb_core.plant.packing import pack_amplifier, pack_terms, records_of, sensor_share
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.sensing import Sensing
 from amb_core.plant.thrust_bearing import (
@@ -168,12 +168,9 @@ class Axial:
 
 def unpack_axial(rows: NDArray[np.float64]) -> AxialTrace:
     """Name the columns of a trace, shape (n, ROW_SIZE), that the kernel wrote."""
-    columns: dict[str, NDArray[np.float64]] = {}
-    for number, name in enumerate(kernel.FIELDS[:5]):
-        columns[name] = rows[:, kernel.MAGNETS * number : kernel.MAGNETS * (number + 1)]
-    for number, name in enumerate(kernel.FIELDS[5:], 5 * kernel.MAGNETS):
-        columns[name] = rows[:, number]
-    return AxialTrace(**columns)
+    parts = np.split(rows, np.cumsum(list(kernel.FIELDS.values()))[:-1], axis=1)
+    columns = zip(kernel.FIELDS, parts, strict=True)
+    return AxialTrace(**{name: part if kernel.FIELDS[name] > 1 else part[:, 0] for name, part in columns})
 
 
 def _pack(parameters: PlantParameters, mass: float, circuit: ThrustCircuit) -> NDArray[Any]:
@@ -191,12 +188,7 @@ def _pack(parameters: PlantParameters, mass: float, circuit: ThrustCircuit) -> N
     record["turns"] = circuit.turns
     record["resistance"] = bearing.coil_resistance
     record["lag_reluctance"] = circuit.centred_reluctance
-    terms = half_order_terms(circuit.lag)
-    number = len(terms.rates)
-    shares, record["coefficient"] = terms.mean(step)
-    keep, gain = terms.update(step)
-    record["terms"] = number
-    record["keep"][:number], record["gain"][:number] = keep, shares * gain * step
+    pack_terms(record, half_order_terms(circuit.lag), step)
     pack_amplifier(record["amplifier"], parameters.model_copy(update={"amplifier": thrust_amplifier(parameters)}))
     record["external_force"] = rotor.external_force_z
     record["external_frequency"] = 2.0 * np.pi * rotor.external_force_frequency
@@ -204,6 +196,5 @@ def _pack(parameters: PlantParameters, mass: float, circuit: ThrustCircuit) -> N
     record["contact"] = contact.contact
     record["contact_stiffness"] = contact.stiffness
     record["contact_damping"] = contact.damping
-    lag = 1.0 / (2.0 * np.pi * parameters.sensor.bandwidth) if parameters.sensor.bandwidth > 0.0 else 0.0
-    record["sensor_share"] = step / (lag + step)
+    record["sensor_share"] = sensor_share(parameters)
     return constants

@@ -15,6 +15,7 @@ from amb_core.plant.kernel import records
 from amb_core.plant.kernel import rotor as modes_array
 from amb_core.plant.kernel.advance import Arrays
 from amb_core.plant.magnetostatics import Magnetostatics
+from amb_core.plant.memory_terms import MemoryTerms
 from amb_core.plant.network import (
     COILS,
     POLE_ANGLES,
@@ -87,16 +88,13 @@ def records_of(kind: np.dtype[Any], number: int = 1) -> NDArray[Any]:
 def _pack_switches(record: np.void, parameters: PlantParameters, network: MagneticNetwork) -> None:
     """Switches of the effects, and the times of integration and sensors."""
     iron, amplifier, rotor = parameters.iron, parameters.amplifier, parameters.rotor
-    step = record["step"] = parameters.integration.internal_step
+    record["step"] = parameters.integration.internal_step
     record["iron"] = iron.saturation + iron.hysteresis
     record["linear_iron"] = network.iron_reluctance.any()
     record["solid_journal"] = iron.solid_journal
     record["quasistatic"] = not iron.eddy_currents
     record["diffusion"] = iron.laminations == "diffusion"
-    # Backward Euler: its lag behind a ramp is exactly the time constant.
-    bandwidth = parameters.sensor.bandwidth
-    lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
-    record["sensor_share"] = step / (lag + step)
+    record["sensor_share"] = sensor_share(parameters)
     turning = rotor.unbalance != 0.0 and rotor.running_speed != 0.0
     disturbed = turning or rotor.external_force_x != 0.0 or rotor.external_force_y != 0.0
     plain_carriers = amplifier.carriers == "synchronous" and amplifier.dead_time == 0.0 and amplifier.limits
@@ -109,9 +107,19 @@ def _pack_switches(record: np.void, parameters: PlantParameters, network: Magnet
         or iron.laminations == "diffusion"
         or disturbed
         or parameters.backup_bearing.contact
-        or bandwidth > 0.0
+        or parameters.sensor.bandwidth > 0.0
         or not plain_carriers
     )
+
+
+def sensor_share(parameters: PlantParameters) -> float:
+    """Share of the distance to the position that the sensors' low-pass covers in an internal step.
+
+    Backward Euler: its lag behind a ramp is exactly the time constant.
+    """
+    step, bandwidth = parameters.integration.internal_step, parameters.sensor.bandwidth
+    lag = 1.0 / (2.0 * np.pi * bandwidth) if bandwidth > 0.0 else 0.0
+    return step / (lag + step)
 
 
 def _pack_network(record: np.void, parameters: PlantParameters, network: MagneticNetwork) -> None:
@@ -212,11 +220,15 @@ def _pack_journal(record: np.void, parameters: PlantParameters, network: Magneti
 
 
 def _pack_part(record: np.void, part: DiffusingIron, step: float) -> None:
-    terms = len(part.terms.rates)
-    shares, coefficient = part.terms.mean(step)
-    keep, gain = part.terms.update(step)
     record["reluctance"] = part.reluctance
-    record["coefficient"] = coefficient
+    pack_terms(record, part.terms, step)
+
+
+def pack_terms(record: np.void, memory: MemoryTerms, step: float) -> None:
+    """Write the memories of diffusing flux, as means over the step, to a record with places for them."""
+    terms = len(memory.rates)
+    shares, record["coefficient"] = memory.mean(step)
+    keep, gain = memory.update(step)
     record["terms"] = terms
     record["keep"][:terms], record["gain"][:terms] = keep, shares * gain * step
 

@@ -21,8 +21,13 @@ def set_references(amplifier, bearing, current_x, current_y):
     """Coil current references from the control current references of a bearing."""
     for coil in range(COILS):
         current = current_x if coil % 2 == 0 else current_y
-        reference = amplifier.bias + (current if coil < 2 else -current)
-        bearing.reference[coil] = min(max(reference, amplifier.current_min), amplifier.current_max)
+        bearing.reference[coil] = coil_reference(amplifier, current if coil < 2 else -current)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def coil_reference(amplifier, current):
+    """Reference of a coil current for a control current reference towards the coil, limited."""
+    return min(max(amplifier.bias + current, amplifier.current_min), amplifier.current_max)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -63,31 +68,44 @@ def set_voltages(amplifier, bearing, phase, step):
 
 @numba.njit(cache=True, error_model="numpy")
 def set_shifted_voltages(amplifier, bearing, phase, step):
-    """The same for carriers that follow one another, with dead time, or without limits.
-
-    Dead time delays the edge that drives a current further: until then it flows through the diodes.
-    """
-    period, dead = amplifier.period, amplifier.dead_time
+    """The same for carriers that follow one another, with dead time, or without limits."""
     for coil in range(COILS):
         if phase == coil * amplifier.carrier_shift:
             update_duty(amplifier, bearing, coil, step)
     for coil in range(COILS):
-        driven = bearing.current[coil] >= 0.0
-        if period == 1:  # a switching period of one internal step has the average voltage, which may have no limit
-            duty = bearing.duty[coil] - (dead if driven else -dead)
-            bearing.voltage[coil] = amplifier.supply * (2.0 * duty - 1.0)
-            continue
         now = phase - coil * amplifier.carrier_shift
         if now < 0:
-            now += period
-        half = 0.5 * period * bearing.duty[coil]
+            now += amplifier.period
+        bearing.voltage[coil] = delayed_voltage(amplifier, bearing.duty[coil], bearing.current[coil], now)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def delayed_voltage(amplifier, duty, current, now):
+    """Mean voltage of a coil over the internal step at place `now` of its switching period.
+
+    Dead time delays the edge that drives a current further: until then it flows through the diodes.
+    """
+    period, dead = amplifier.period, amplifier.dead_time
+    driven = current >= 0.0
+    if period == 1:  # a switching period of one internal step has the average voltage, which may have no limit
+        share = duty - (dead if driven else -dead)
+    else:
+        half = 0.5 * period * duty
         start, end = 0.5 * period - half, 0.5 * period + half
         if driven:
             start += dead
         else:
             end += dead
-        on = min(now + 1.0, end) - max(float(now), start)
-        bearing.voltage[coil] = amplifier.supply * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
+        share = min(max(min(now + 1.0, end) - max(float(now), start), 0.0), 1.0)
+    return amplifier.supply * (2.0 * share - 1.0)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def count_step(constants, state):
+    """Count an internal step, and its place in the switching period."""
+    state.started = True
+    state.steps += 1
+    state.phase = state.phase + 1 if state.phase + 1 < constants.amplifier.period else 0
 
 
 @numba.njit(inline="always", error_model="numpy")

@@ -21,8 +21,10 @@ import math
 import numba
 import numpy as np
 
-from amb_core.plant.kernel.amplifiers import regulate
+from amb_core.plant.kernel.amplifiers import coil_reference, count_step, delayed_voltage, update_duty
 from amb_core.plant.kernel.records import AMPLIFIER, DELEVITATED, GAP_CLOSED, NOT_FINITE, OK
+from amb_core.plant.kernel.rotor import moved, push
+from amb_core.plant.kernel.trace import write_values
 from amb_core.plant.memory_terms import MOST_TERMS
 
 MAGNETS = 2
@@ -73,15 +75,25 @@ AXIAL_STATE = np.dtype(
         ("reference", float, (MAGNETS,)),  # of the coil currents (A)
         ("integral", float, (MAGNETS,)),  # parts of the PI controllers (duty)
         ("current_sum", float, (MAGNETS,)),  # over the switching period (A)
+        ("current_start", float, (MAGNETS,)),  # at the start of the period (A)
         ("duty", float, (MAGNETS,)),
         ("mean", float, (MAGNETS, MOST_TERMS)),  # alpha_n m_n (Wb)
     ],
     align=True,
 )
 
-FIELDS = ("flux", "flux_rate", "current", "voltage", "force", "position", "velocity", "contact_force")
-"""What a row of a trace has: the first five of both magnets, then a column each."""
-ROW_SIZE = 5 * MAGNETS + 3
+FIELDS = {
+    "flux": MAGNETS,
+    "flux_rate": MAGNETS,
+    "current": MAGNETS,
+    "voltage": MAGNETS,
+    "force": MAGNETS,
+    "position": 1,
+    "velocity": 1,
+    "contact_force": 1,
+}
+"""What a row of a trace has, with the number of columns, in the order of `_write`."""
+ROW_SIZE = sum(FIELDS.values())
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -108,15 +120,16 @@ def advance_axial(constants, state, reference, steps, trace):
     plant, bearing = constants[0], state[0]
     amplifier = plant.amplifier
     for magnet in range(MAGNETS):
-        wanted = amplifier.bias + (reference if magnet == 0 else -reference)
-        bearing.reference[magnet] = min(max(wanted, amplifier.current_min), amplifier.current_max)
+        bearing.reference[magnet] = coil_reference(amplifier, reference if magnet == 0 else -reference)
     for step in range(steps):
         if bearing.phase == 0:
-            _set_duties(amplifier, bearing, plant.step)
+            for magnet in range(MAGNETS):
+                update_duty(amplifier, bearing, magnet, plant.step)
         middle = bearing.position + 0.5 * plant.step * bearing.velocity
         for magnet in range(MAGNETS):
             gap = plant.gap - middle if magnet == 0 else plant.gap + middle
-            _set_voltage(amplifier, bearing, magnet)
+            duty, current = bearing.duty[magnet], bearing.current[magnet]
+            bearing.voltage[magnet] = delayed_voltage(amplifier, duty, current, bearing.phase)
             _set_rate(plant, bearing, magnet, gap)
             bearing.force[magnet] = plant.pull * bearing.flux[magnet] * bearing.flux[magnet]
         if plant.contact:
@@ -129,35 +142,10 @@ def advance_axial(constants, state, reference, steps, trace):
             bearing.current_sum[magnet] += bearing.current[magnet]
         _move(plant, bearing)
         bearing.sensed += plant.sensor_share * (bearing.position - bearing.sensed)
-        bearing.started = True
-        bearing.steps += 1
-        bearing.phase = bearing.phase + 1 if bearing.phase + 1 < amplifier.period else 0
+        count_step(plant, bearing)
     if plant.sensor_share == 1.0:
         bearing.sensed = bearing.position  # exactly
     return _status(plant, bearing)
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _set_duties(amplifier, bearing, step):
-    """Duty cycles for the switching period that begins; the currents are means over the steps."""
-    for magnet in range(MAGNETS):
-        error = bearing.reference[magnet] - bearing.current_sum[magnet] / float(amplifier.period)
-        duty, integral = regulate(amplifier, error, bearing.integral[magnet], step)
-        bearing.duty[magnet], bearing.integral[magnet] = duty, integral
-        bearing.current_sum[magnet] = 0.0
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _set_voltage(amplifier, bearing, magnet):
-    """Mean coil voltage over this internal step; dead time delays the edge that drives the current further."""
-    dead = amplifier.dead_time if bearing.current[magnet] >= 0.0 else -amplifier.dead_time
-    if amplifier.period == 1:  # a switching period of one internal step has the average voltage
-        bearing.voltage[magnet] = amplifier.supply * (2.0 * (bearing.duty[magnet] - dead) - 1.0)
-        return
-    middle, half = 0.5 * amplifier.period, 0.5 * amplifier.period * bearing.duty[magnet]
-    start, end = middle - half + max(dead, 0.0), middle + half + max(-dead, 0.0)
-    on = min(bearing.phase + 1.0, end) - max(float(bearing.phase), start)
-    bearing.voltage[magnet] = amplifier.supply * (2.0 * min(max(on, 0.0), 1.0) - 1.0)
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -193,8 +181,7 @@ def _set_contact_force(plant, bearing):
     """Axial backup bearing: spring and damper that only push."""
     side = 1.0 if bearing.position > 0.0 else -1.0
     depth = side * bearing.position - plant.clearance
-    normal = plant.contact_stiffness * depth + plant.contact_damping * side * bearing.velocity
-    bearing.contact_force = -side * max(normal, 0.0) if depth > 0.0 else 0.0
+    bearing.contact_force = -side * push(plant, depth, side * bearing.velocity) if depth > 0.0 else 0.0
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -206,24 +193,23 @@ def _move(plant, bearing):
     acceleration = force / plant.mass
     if not bearing.started:
         bearing.acceleration = acceleration
-    velocity = bearing.velocity
-    bearing.velocity += plant.step * (1.5 * acceleration - 0.5 * bearing.acceleration)
-    bearing.position += 0.5 * plant.step * (velocity + bearing.velocity)
+    bearing.position, bearing.velocity = moved(
+        plant.step, bearing.position, bearing.velocity, acceleration, bearing.acceleration
+    )
     bearing.acceleration = acceleration
 
 
 @numba.njit(inline="always", error_model="numpy")
 def _write(bearing, row):
     """Variables at the start of the step, after its voltages and before it moves anything."""
-    for magnet in range(MAGNETS):
-        row[magnet] = bearing.flux[magnet]
-        row[MAGNETS + magnet] = bearing.rate[magnet]
-        row[2 * MAGNETS + magnet] = bearing.current[magnet]
-        row[3 * MAGNETS + magnet] = bearing.voltage[magnet]
-        row[4 * MAGNETS + magnet] = bearing.force[magnet]
-    row[5 * MAGNETS] = bearing.position
-    row[5 * MAGNETS + 1] = bearing.velocity
-    row[5 * MAGNETS + 2] = bearing.contact_force
+    column = write_values(bearing.flux, row, 0)
+    column = write_values(bearing.rate, row, column)
+    column = write_values(bearing.current, row, column)
+    column = write_values(bearing.voltage, row, column)
+    column = write_values(bearing.force, row, column)
+    row[column] = bearing.position
+    row[column + 1] = bearing.velocity
+    row[column + 2] = bearing.contact_force
 
 
 @numba.njit(inline="always", error_model="numpy")

@@ -55,11 +55,24 @@ def set_contact_force(rotor, bearing):
     v_x, v_y = bearing.velocity[0], bearing.velocity[1]
     radial_x, radial_y = x / distance, y / distance
     approach = v_x * radial_x + v_y * radial_y
-    normal = max(rotor.contact_stiffness * depth + rotor.contact_damping * approach, 0.0)
+    normal = push(rotor, depth, approach)
     sliding = v_y * radial_x - v_x * radial_y + rotor.speed * rotor.journal_radius
     tangential = -rotor.friction * normal * min(max(sliding / _RUBBING_SPEED, -1.0), 1.0)
     bearing.contact_force[0] = -normal * radial_x - tangential * radial_y
     bearing.contact_force[1] = -normal * radial_y + tangential * radial_x
+
+
+@numba.njit(inline="always", error_model="numpy")
+def push(contact, depth, approach):
+    """Force of a backup bearing along its normal: a spring and a damper that only push."""
+    return max(contact.contact_stiffness * depth + contact.contact_damping * approach, 0.0)
+
+
+@numba.njit(inline="always", error_model="numpy")
+def moved(step, position, velocity, acceleration, previous):
+    """Position and velocity after a step of one direction of motion."""
+    after = velocity + step * (1.5 * acceleration - 0.5 * previous)
+    return position + 0.5 * step * (velocity + after), after
 
 
 @numba.njit(inline="always", error_model="numpy")
@@ -75,9 +88,9 @@ def move_point_mass(constants, state, bearing):
             acceleration *= rotor.free_x
         if not state.started:
             bearing.acceleration[axis] = acceleration
-        velocity = bearing.velocity[axis]
-        bearing.velocity[axis] += h * (1.5 * acceleration - 0.5 * bearing.acceleration[axis])
-        bearing.position[axis] += 0.5 * h * (velocity + bearing.velocity[axis])
+        bearing.position[axis], bearing.velocity[axis] = moved(
+            h, bearing.position[axis], bearing.velocity[axis], acceleration, bearing.acceleration[axis]
+        )
         bearing.acceleration[axis] = acceleration
 
 
@@ -90,9 +103,9 @@ def move_modes(constants, state, bearings, modes):
         for n in range(modes.shape[1]):
             modes[PREVIOUS, n] = modes[ACCELERATION, n]
     for n in range(modes.shape[1]):
-        before = modes[RATE, n]
-        modes[RATE, n] += h * (1.5 * modes[ACCELERATION, n] - 0.5 * modes[PREVIOUS, n])
-        modes[COORDINATE, n] += 0.5 * h * (before + modes[RATE, n])
+        modes[COORDINATE, n], modes[RATE, n] = moved(
+            h, modes[COORDINATE, n], modes[RATE, n], modes[ACCELERATION, n], modes[PREVIOUS, n]
+        )
         modes[PREVIOUS, n] = modes[ACCELERATION, n]
     place_journals(bearings, modes)
 

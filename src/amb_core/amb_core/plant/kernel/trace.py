@@ -30,7 +30,7 @@ def write_trace(constants, bearings, modes, row):
     column = 0
     for number in range(bearings.shape[0]):
         bearing = bearings[number]
-        column = _write(bearing.flux, row, column)
+        column = write_values(bearing.flux, row, column)
         for j in range(POLES):
             rate = 0.0
             for n in range(POLES):
@@ -38,23 +38,23 @@ def write_trace(constants, bearings, modes, row):
             for coil in range(COILS):
                 rate += constants.rate_by_voltage[coil, j] * bearing.voltage[coil]
             row[column + j] = bearing.rate[j] if constants.diffusion else rate
-        column = _write(bearing.current, row, column + POLES)
-        column = _write(bearing.voltage, row, column)
-        column = _write(bearing.position, row, column)
-        column = _write(bearing.velocity, row, column)
-        column = _write(bearing.pull, row, column)
-        column = _write(bearing.contact_force, row, column)
+        column = write_values(bearing.current, row, column + POLES)
+        column = write_values(bearing.voltage, row, column)
+        column = write_values(bearing.position, row, column)
+        column = write_values(bearing.velocity, row, column)
+        column = write_values(bearing.pull, row, column)
+        column = write_values(bearing.contact_force, row, column)
     row[column] = _iron_energy(constants, bearings)
     row[column + 1] = 0.0
     for number in range(bearings.shape[0]):
         row[column + 1] += bearings[number].diffusion.energy
     if modes.shape[1] > 0:
-        column = _write(modes[COORDINATE], row, column + 2)
-        _write(modes[RATE], row, column)
+        column = write_values(modes[COORDINATE], row, column + 2)
+        write_values(modes[RATE], row, column)
 
 
 @numba.njit(inline="always", error_model="numpy")
-def _write(values, row, column):
+def write_values(values, row, column):
     """Write values from a column on; return the next column."""
     for n in range(values.size):
         row[column + n] = values[n]
