@@ -121,11 +121,11 @@ def test_slow_modes_below_the_band_are_excluded_by_the_loop_or_by_noise(bearing,
     long = EXCITED | {"duration": 4.0, "frequency_end": 4_500.0}
     feedback = feedback_of(true, LAW)
     band = band_of(true, bearing.experiment(2e-9, "multisine", force=0.01, **long), feedback)
-    for ring_down, borne in ((0.01, True), (1.0, False)):
+    for ring_down, tolerated in ((0.01, True), (1.0, False)):
         settings = replaced(mode_ring_down=ring_down)
         unexplained = known_band(feedback, band, settings, noise_explained=False)
-        assert (unexplained.slower < 1.0) == borne
-        assert unexplained.reaches_down == borne
+        assert (unexplained.slower < 1.0) == tolerated
+        assert unexplained.reaches_down == tolerated
         assert known_band(feedback, band, settings).reaches_down
 
 
