@@ -11,8 +11,8 @@ Above it the response is that of a mass, continued from the last octave, and mod
 a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
 loop is known as a whole; otherwise, and where they leave its sensitivity beyond its zone (`assess_known`), nothing is
 stated above, nor on stability. Below the band the error is taken as large as at its lower end, if that lies well below
-the peak of the sensitivity, and slow modes are excluded: either the loop tolerates those of the same gain that ring down as
-assumed, or noise, which moves the rotor at all frequencies, shows none that the model lacks.
+the peak of the sensitivity, and slow modes are excluded: either the loop tolerates those of the same gain that ring
+down as assumed, or noise, which moves the rotor at all frequencies, shows none that the model lacks.
 """
 
 from __future__ import annotations
