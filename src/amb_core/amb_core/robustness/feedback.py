@@ -108,7 +108,18 @@ class Feedback:
         return connections.feedback(extended, self.controller.scaled(-1.0, 1.0))
 
     def action(self, frequency: Arrays) -> Complexes:
-        """C S_o, from references to control currents (A/m), at frequencies (Hz); shape (f, m, p)."""
+        """C S_o, from references to control currents.
+
+        Parameters
+        ----------
+        frequency : ndarray, shape (f,)
+            Frequencies (Hz).
+
+        Returns
+        -------
+        ndarray of complex, shape (f, m, p)
+            The response (A/m).
+        """
         return np.ascontiguousarray(self.closed.response(frequency)[:, : self.inputs, self.inputs :])
 
     @property
