@@ -34,7 +34,7 @@ def test_a_search_of_refused_steps_ends_before_a_step_is_lost_in_rounding() -> N
     def squares(_: float) -> float:
         return 1.0 - 1e-16 if next(costs) > 12 else 1.0
 
-    end = minimise(0.0, squares, lambda _: (np.eye(3, 1), np.ones(3)), lambda point, step: point + float(step[0]))
+    end = minimise(0.0, squares, lambda _: (np.eye(3, 1), np.ones(3)), lambda point, step: point + float(step[0])).point
     assert abs(end) < 1e-6
 
 

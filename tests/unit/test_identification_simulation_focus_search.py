@@ -36,7 +36,7 @@ def search(**settings: object) -> tuple[np.ndarray, list[float]]:
         settings.pop("move", lambda point, step: point + step),
         lambda iteration, squares: told.append(squares),
         **{"most_iterations": 60, **settings},
-    )
+    ).point
     return found, told
 
 
@@ -53,7 +53,7 @@ def test_points_that_are_not_allowed_are_stepped_around() -> None:
 
 def test_the_search_ends_after_the_steps_that_it_may_try() -> None:
     _, told = search(most_iterations=3)
-    assert len(told) == 3
+    assert len(told) == 4  # the start, and three steps
 
 
 def test_local_directions_leave_out_changes_of_the_states_alone() -> None:

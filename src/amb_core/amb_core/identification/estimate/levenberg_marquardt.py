@@ -7,7 +7,8 @@ parameter in Marquardt's method, report IMM-REP-1999-05, Technical University of
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from amb_core.linear.numerics import thin_svd
 
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding
+LEAST_SCALE = 1e-8  # effect of a parameter, relative to the largest, below which it is not scaled up to equal effect
 _LEAST_DAMPING = 1e-12  # relative likewise; redundant directions need some damping
 
 Point = TypeVar("Point")
@@ -38,58 +40,97 @@ class Damping:
         self.value, self._growth = max(self.value * max(0.1, 1.0 - (2.0 * kept - 1.0) ** 3), _LEAST_DAMPING), 2.0
 
 
+def of_squares(before: float, after: float) -> float:
+    """Relative decrease of a sum of squares."""
+    return 1.0 - after / before
+
+
+@dataclass(frozen=True)
+class Search(Generic[Point]):
+    """How a search ended.
+
+    Attributes
+    ----------
+    point : Point
+        The point with the least cost.
+    iterations : int
+        Steps tried, taken or not.
+    left : float
+        Relative decrease of the squared errors that a further step promises.
+    """
+
+    point: Point
+    iterations: int
+    left: float
+
+
 def minimise(
     start: Point,
-    squares: Callable[[Point], float],
+    cost: Callable[[Point], float],
     linearise: Callable[[Point], tuple[Arrays, Arrays]],
     move: Callable[[Point, Arrays], Point | None],
     progress: Callable[[int, float], None] | None = None,
     most_iterations: int = 30,
     least_gain: float = 1e-5,
-) -> Point:
-    """The point with the least sum of squared errors that a search from `start` finds, never worse than `start`.
+    least_scale: float = LEAST_SCALE,
+    decrease: Callable[[float, float], float] = of_squares,
+    hopeless: Callable[[float, float], bool] | None = None,
+) -> Search[Point]:
+    """The point with the least cost that a search from `start` finds, never worse than `start`.
 
     Parameters
     ----------
     start : Point
-        Where to start; `squares` must be finite there.
-    squares : callable
-        Sum of squared errors at a point, infinite where it is not allowed.
+        Where to start; its cost must be finite.
+    cost : callable
+        Sum of squared errors at a point, or what falls with it; infinite where a point is not allowed.
     linearise : callable
         Derivatives, shape (rows, parameters), of what is subtracted to give the errors, and the errors, shape (rows,),
         both in any orthonormal coordinates of the errors.
     move : callable
         The point after a step of shape (parameters,); None where there is no such point.
     progress : callable, optional
-        Called as progress(iteration, sum of squares) at the start, as iteration 0, and after every step tried. If it
+        Called as progress(iteration, least cost) at the start, as iteration 0, and after every step tried. If it
         raises an exception, the search ends.
     most_iterations : int
         Steps tried, taken or not.
     least_gain : float
         Relative decrease of the sum of squares, as predicted by the linearisation, at which the search ends. It also
         ends where steps were refused so often that the damping leaves nothing of the next one.
+    least_scale : float
+        See `damped_step`.
+    decrease : callable
+        Called as decrease(cost before, cost after) for the relative decrease of the squared errors.
+    hopeless : callable, optional
+        Called as hopeless(cost, predicted relative decrease of the squared errors) before each step; the search ends
+        where it returns True.
     """
-    point, cost, damping = start, squares(start), Damping()
+    point, least, damping = start, cost(start), Damping()
     sensitivity, errors = linearise(point)
-    for iteration in range(most_iterations):
-        if progress is not None:
-            progress(iteration, cost)
-        step, promised, possible = damped_step(sensitivity, errors, damping.value)
-        if not possible >= least_gain or not promised > 0.0:
+    step, promised, left = damped_step(sensitivity, errors, damping.value, least_scale)
+    iteration = 0
+    if progress is not None:
+        progress(iteration, least)
+    while iteration < most_iterations and left >= least_gain and promised > 0.0:
+        if hopeless is not None and hopeless(least, left):
             break
+        iteration += 1
         trial = move(point, step)
-        trial_cost = np.inf if trial is None else squares(trial)
-        if trial is None or not trial_cost < cost:
+        trial_cost = np.inf if trial is None else cost(trial)
+        if trial is None or not trial_cost < least:
             damping.refused()
-            continue
-        damping.taken((1.0 - trial_cost / cost) / promised)
-        point, cost = trial, trial_cost
-        sensitivity, errors = linearise(point)
-    return point
+        else:
+            damping.taken(decrease(least, trial_cost) / promised)
+            point, least = trial, trial_cost
+            sensitivity, errors = linearise(point)
+        if progress is not None:
+            progress(iteration, least)
+        step, promised, left = damped_step(sensitivity, errors, damping.value, least_scale)
+    return Search(point, iteration, left)
 
 
 def damped_step(
-    sensitivity: Arrays, errors: Arrays, damping: float, least_scale: float = 1e-8
+    sensitivity: Arrays, errors: Arrays, damping: float, least_scale: float = LEAST_SCALE
 ) -> tuple[Arrays, float, float]:
     """Levenberg-Marquardt step, and its predicted relative decrease of the sum of squares, with and without damping.
 

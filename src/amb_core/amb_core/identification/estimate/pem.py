@@ -30,7 +30,7 @@ from scipy import linalg
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory
-from amb_core.identification.estimate.levenberg_marquardt import Damping, damped_step
+from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.estimate.scaled_data import Samples, ScaledData
 from amb_core.identification.progress import SearchEnd
 from amb_core.linear import Arrays
@@ -67,9 +67,9 @@ def pem(
     start : StateSpaceModel
         Where to start: gives order, sample time, A, C and K. B, D and the initial state are estimated anew.
     progress : callable, optional
-        Called as progress(iteration, cost) with the start as iteration 0 and after every step that lowers the cost (-),
-        half the logarithm of the determinant of the covariance of the errors, scaled by the data's variances. If it
-        raises an exception, the search ends. None for no calls.
+        Called as progress(iteration, cost) with the start as iteration 0 and after every step tried. The cost (-) is
+        the least so far of half the logarithm of the determinant of the covariance of the errors, scaled by the data's
+        variances. If it raises an exception, the search ends. None for no calls.
     most_iterations : int, optional
         Steps tried, taken or not, after which the search ends, converged or not.
     source : str, optional
@@ -166,29 +166,21 @@ def fit_modes(
     LinAlgError
         If the start determines no fit.
     """
-    fit = best(modes, _weight((first or best(modes, np.eye(outputs))).covariance))
-    iteration, cost, damping = 0, cost_of(fit), Damping()
-    if progress is not None:
-        progress(iteration, cost)
-    while iteration < most_iterations:
-        step, promised, possible = damped_step(fit.sensitivity, fit.errors, damping.value, _LEAST_SCALE)
-        if not possible >= least_gain or (hopeless is not None and hopeless(cost, possible)):
-            break
-        if not promised > 0.0:  # steps were refused so often that the damping leaves nothing of the next one
-            break
-        iteration += 1
-        trial = _try(*fit.modes.moved(step), best, _weight(fit.covariance))
-        if trial is None or not cost_of(trial) < cost:
-            damping.refused()
-            continue
-        damping.taken(2.0 * (cost - cost_of(trial)) / len(fit.covariance) / promised)
-        fit, cost = trial, cost_of(trial)
-        if progress is not None:
-            progress(iteration, cost)
+    search = minimise(
+        best(modes, _weight((first or best(modes, np.eye(outputs))).covariance)),
+        cost_of,
+        lambda fit: (fit.sensitivity, fit.errors),
+        lambda fit, step: _try(*fit.modes.moved(step), best, _weight(fit.covariance)),
+        progress,
+        most_iterations,
+        least_gain,
+        _LEAST_SCALE,
+        lambda before, after: 2.0 * (before - after) / outputs,
+        hopeless,
+    )
     if ended is not None:
-        left = damped_step(fit.sensitivity, fit.errors, damping.value, _LEAST_SCALE)[2]
-        ended(SearchEnd(iteration, left, left < least_gain))
-    return fit
+        ended(SearchEnd(search.iterations, search.left, search.left < least_gain))
+    return search.point
 
 
 def refine(modes: Modes, memory: FiniteMemory) -> Fit | None:

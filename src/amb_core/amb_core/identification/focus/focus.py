@@ -83,13 +83,13 @@ def focus_simulation(
         def tell(iteration: int, squares: float) -> None:
             watch.tell("simulation focus", iteration, most_iterations, squares / problem.samples)
 
-        found = minimise(
+        loop = minimise(
             problem.start, problem.squares, problem.linearise, problem.move, tell, most_iterations, _LEAST_GAIN
-        )
-        focused = fit_kalman_gain(found.model, *problem.deviations(found), found.initial_states)
+        ).point
+        focused = fit_kalman_gain(loop.model, *problem.deviations(loop), loop.initial_states)
     return replace(
         focused,
-        initial_state=found.initial_states[0],
+        initial_state=loop.initial_states[0],
         method=f"{model.method}, simulation focus",
         samples=problem.samples,
         fit=np.empty(0),

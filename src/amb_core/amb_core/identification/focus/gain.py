@@ -73,6 +73,6 @@ def fit_kalman_gain(
         radius = float(np.max(np.abs(np.linalg.eigvals(model.a - moved @ model.c))))
         return moved if radius < LARGEST_RADIUS else None
 
-    k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN)
+    k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN).point
     errors = errors_of(k)
     return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))
