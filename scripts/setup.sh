@@ -139,7 +139,7 @@ compile_kernels() {
     (
         set +u    # the set-up files that colcon writes do without
         source scripts/env.sh
-        python -m amb_core.robustness.warm_up
+        python -m amb_core.warm_up
     )
     kernel_state | checksum > "$kernel_stamp"
 }

@@ -275,18 +275,18 @@ def golden() -> list[Exchanged]:
 def replayed() -> list[bytes]:
     """What a target sends that is made of the recorded file alone: configuration, steps and frames of the host."""
     recorded = json.loads(GOLDEN.read_text())
-    found = recorded["configuration"]
-    limits = Limits(**{name: math.inf if value is None else value for name, value in found["limits"].items()})
-    bearings = {axis["bearing"]: axis["clearance"] for axis in found["axes"]}
+    configuration = recorded["configuration"]
+    limits = Limits(**{name: math.inf if value is None else value for name, value in configuration["limits"].items()})
+    bearings = {axis["bearing"]: axis["clearance"] for axis in configuration["axes"]}
     described = Machine(
-        found["machine"], "bridge", found["sample_rate"],
+        configuration["machine"], "bridge", configuration["sample_rate"],
         tuple(MachineAxis(**{name: tuple(value) if name == "direction" else value for name, value in axis.items()
-                             if name != "clearance"}) for axis in found["axes"]),
+                             if name != "clearance"}) for axis in configuration["axes"]),
         tuple(MachineBearing(name, clearance) for name, clearance in bearings.items()),
     )  # fmt: skip
     target = ReferenceTarget(
-        library(), described, limits, key=bytes.fromhex(recorded["key"]), coils=found["coils"],
-        nonce=bytes.fromhex(recorded["nonce"]), record_steps=found["record_steps"],
+        library(), described, limits, key=bytes.fromhex(recorded["key"]), coils=configuration["coils"],
+        nonce=bytes.fromhex(recorded["nonce"]), record_steps=configuration["record_steps"],
     )  # fmt: skip
     sent: list[bytes] = []
     for row in recorded["frames"]:

@@ -19,8 +19,8 @@ _next_domain = itertools.islice(itertools.cycle(range(1, 101)), 53 * os.getpid()
 @pytest.fixture(scope="session")
 def domain() -> Iterator[int]:
     """A DDS domain that nobody else uses."""
-    with domain_id(_next_domain) as found:
-        yield found
+    with domain_id(_next_domain) as domain:
+        yield domain
 
 
 @pytest.fixture(scope="session")
@@ -40,7 +40,7 @@ def page_reader(tmp_path: Path, demo: Path, domain: int, monkeypatch: pytest.Mon
         (tmp_path / name).symlink_to(there)
     (tmp_path / "my_bearing.yaml").write_text((ROOT / "src/amb_bringup/config/paper.yaml").read_text())
     monkeypatch.chdir(tmp_path)
-    with reader(tmp_path, domain) as found:
-        for name, value in found.environment.items():
+    with reader(tmp_path, domain) as page_reader:
+        for name, value in page_reader.environment.items():
             monkeypatch.setenv(name, value)
-        yield found
+        yield page_reader

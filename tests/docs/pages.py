@@ -154,11 +154,11 @@ def reader(folder: Path, domain: int) -> Iterator[Reader]:
         "XDG_CACHE_HOME": str(folder / ".cache"),
         "PYTHONWARNINGS": "ignore",
     }
-    found = Reader(folder, environment)
+    page_reader = Reader(folder, environment)
     try:
-        yield found
+        yield page_reader
     finally:
-        found.close()
+        page_reader.close()
 
 
 def run_cell(text: str, names: dict[str, Any]) -> None:

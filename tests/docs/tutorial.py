@@ -109,8 +109,8 @@ def _read(folder: Path, name: str) -> Any:
 
 def _boundaries(folder: Path, amplitude: int) -> dict[str, float]:
     """Boundaries (Hz) of the sweep with an amplitude (um)."""
-    (found,) = [one for one in _read(folder, "map")["sweeps"] if round(1e6 * one["amplitude"]) == amplitude]
-    return {name: float(value) for name, value in found["boundaries"].items()}
+    (sweep,) = [one for one in _read(folder, "map")["sweeps"] if round(1e6 * one["amplitude"]) == amplitude]
+    return {name: float(value) for name, value in sweep["boundaries"].items()}
 
 
 def _sweeps(folder: Path, _: str) -> bool:
@@ -122,13 +122,13 @@ def _of_28_um(folder: Path, _: str) -> bool:
 
 
 def _of_100_um(folder: Path, _: str) -> bool:
-    found = _boundaries(folder, 100)
-    return round(found["B"], -1) == 170 and found["D"] < 2.0 * found["B"]
+    boundaries = _boundaries(folder, 100)
+    return round(boundaries["B"], -1) == 170 and boundaries["D"] < 2.0 * boundaries["B"]
 
 
 def _map_allows(folder: Path, _: str) -> bool:
-    found = _read(folder, "excitation/design")
-    return bool(found["map_amplitude"] > 3.0 * found["amplitude"])
+    design = _read(folder, "excitation/design")
+    return bool(design["map_amplitude"] > 3.0 * design["amplitude"])
 
 
 def _largest(folder: Path, _: str) -> bool:
@@ -136,9 +136,9 @@ def _largest(folder: Path, _: str) -> bool:
 
 
 def _linear(folder: Path, _: str) -> bool:
-    found = _read(folder, "regions")
-    measured = [one["distortion_percent"] for one in found["distortion"]["distortion"].values()]
-    return found["shares"]["A"] == 1.0 and all(0.3 < one < 0.7 for one in measured)
+    regions = _read(folder, "regions")
+    measured = [one["distortion_percent"] for one in regions["distortion"]["distortion"].values()]
+    return regions["shares"]["A"] == 1.0 and all(0.3 < one < 0.7 for one in measured)
 
 
 def _poles(folder: Path, _: str) -> bool:

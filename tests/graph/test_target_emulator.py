@@ -180,9 +180,9 @@ def test_amb_jitter_shows_the_paced_nodes(graph: Graph) -> None:
         process = graph.start_command(command, stdout=subprocess.PIPE)
         output, said = process.communicate(timeout=TIMEOUT)
         assert process.returncode == 0, said
-        found = json.loads(output)
-        seen.update(found)
-        for node in found.values():
+        result = json.loads(output)
+        seen.update(result)
+        for node in result.values():
             lateness = list(node["lateness_us"].values())
             assert lateness == sorted(lateness)
             assert 0 <= node["missed"] <= node["missed_in_all"]

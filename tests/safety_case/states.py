@@ -67,8 +67,8 @@ def search(program: Path, part: str, most: int | None = None) -> dict[str, Any]:
     """
     arguments = [program, part, *([] if most is None else [str(most)])]
     ended = subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True)
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
+    result: dict[str, Any] = json.loads(ended.stdout)
+    return result
 
 
 def search_all() -> list[dict[str, Any]]:
@@ -93,8 +93,8 @@ def recorded() -> list[dict[str, Any]]:
     list of dict
         As `search_all`.
     """
-    found: list[dict[str, Any]] = json.loads(RECORDED.read_text())
-    return found
+    result: list[dict[str, Any]] = json.loads(RECORDED.read_text())
+    return result
 
 
 def total(name: str, parts: Iterable[dict[str, Any]] | None = None) -> int:

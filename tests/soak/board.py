@@ -158,10 +158,10 @@ class Beside:
     def _take(self) -> Reply | None:
         reply = None
         for expected, _ in self.twin.take():
-            found = self._board.receive()
+            frame = self._board.receive()
             self.compared.frames += 1
-            self.compared.frames_equal += found == expected
-            answer, of_twin = decode(found, self._session), decode(expected, self._session)
+            self.compared.frames_equal += frame == expected
+            answer, of_twin = decode(frame, self._session), decode(expected, self._session)
             if isinstance(answer, TelemetryBlock) and isinstance(of_twin, TelemetryBlock):
                 self.telemetry.append((answer, of_twin))
             reply = answer if isinstance(answer, Reply) else reply
@@ -223,8 +223,8 @@ def main() -> None:
     """Print everything that was measured."""
     with tempfile.TemporaryDirectory(prefix="amb_board") as folder:
         image = build(Path(folder))
-        found, _ = beside(image, 2_000)
-        print(json.dumps(asdict(found) | asdict(size(image)), indent=1))
+        comparison, _ = beside(image, 2_000)
+        print(json.dumps(asdict(comparison) | asdict(size(image)), indent=1))
 
 
 if __name__ == "__main__":

@@ -101,14 +101,14 @@ def board(excited: int = 2_000, multisine_steps: int = STEPS) -> dict[str, Any]:
         return {}
     with tempfile.TemporaryDirectory(prefix="amb_board") as folder:
         image = build(Path(folder))
-        found, _ = beside(image, excited)
+        comparison, _ = beside(image, excited)
         return {
             "board": {
-                "frames": found.frames + found.steps,
-                "equal": found.frames_equal + found.steps_equal,
-                "instructions_worst": found.instructions,
-                "instructions_state_space": found.instructions_state_space,
-                "stack_bytes": found.stack_bytes,
+                "frames": comparison.frames + comparison.steps,
+                "equal": comparison.frames_equal + comparison.steps_equal,
+                "instructions_worst": comparison.instructions,
+                "instructions_state_space": comparison.instructions_state_space,
+                "stack_bytes": comparison.stack_bytes,
                 "identified": identified(image, multisine_steps),
             }
         }

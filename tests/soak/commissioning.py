@@ -136,8 +136,8 @@ def commission(rig: Rig) -> Outcome:
     )
     bench = Bench(link, lambda _: settings, lambda step: link.advance(max(step - link.steps, 0)))
     link.advance(50)
-    found = diagnose(bench, expected_of(model, controller), lambda _: _by_hand(link, bench, generator))
-    return Outcome(rig, axes, tuple(map(str, found.findings)), _right(found, kind, axes), counted[0])
+    diagnosis = diagnose(bench, expected_of(model, controller), lambda _: _by_hand(link, bench, generator))
+    return Outcome(rig, axes, tuple(map(str, diagnosis.findings)), _right(diagnosis, kind, axes), counted[0])
 
 
 def _machines(rig: Rig, generator: np.random.Generator) -> tuple[PlantParameters, PlantParameters]:
@@ -213,13 +213,13 @@ def _by_hand(
     return pushed
 
 
-def _right(found: Diagnosis, kind: Kind | None, axes: tuple[str, ...]) -> bool:
+def _right(diagnosis: Diagnosis, kind: Kind | None, axes: tuple[str, ...]) -> bool:
     """Whether every name is right and all that was planted is named; nothing for a healthy rig."""
     if kind is None:
-        return not found.findings
-    named = {name for one in found.findings for name in one.axes}
-    right = all(one.fault in kind.names for one in found.findings)
-    return bool(found.findings) and right and (not axes or named == set(axes))
+        return not diagnosis.findings
+    named = {name for one in diagnosis.findings for name in one.axes}
+    right = all(one.fault in kind.names for one in diagnosis.findings)
+    return bool(diagnosis.findings) and right and (not axes or named == set(axes))
 
 
 def _outcome(data: dict[str, Any]) -> Outcome:
@@ -272,8 +272,8 @@ def commissioning(
     outcomes = [known[rig] for rig in wanted if rig in known]
     for one in outcomes:
         if not one.right or one.touches:
-            found = f"{one.touches} touches, {one.said}"
-            print(f"commissioning: {one.rig}, planted in {one.planted}: {found}", flush=True)
+            outcome = f"{one.touches} touches, {one.said}"
+            print(f"commissioning: {one.rig}, planted in {one.planted}: {outcome}", flush=True)
     return {
         "commissioning": {
             "rigs": len(outcomes),

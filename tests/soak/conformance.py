@@ -116,9 +116,9 @@ def conformance(most: int = len(FAULTS)) -> dict[str, Any]:
     if right := named(None):
         raise AssertionError(f"the port without a fault is accused: {right}")
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda item: named(item[1]), chosen))
+        names = list(pool.map(lambda item: named(item[1]), chosen))
     count = 0
-    for (name, fault), complaints in zip(chosen, found, strict=True):
+    for (name, fault), complaints in zip(chosen, names, strict=True):
         if any(one.check == fault.check for one in complaints):
             count += 1
         else:

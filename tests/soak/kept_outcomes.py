@@ -44,15 +44,15 @@ class KeptOutcomes(Generic[T]):
         """Those of this code; a line that was cut by an interruption is left out."""
         if self._file is None or not self._file.exists():
             return []
-        found = []
+        outcomes = []
         for line in self._file.read_text().splitlines():
             try:
                 row = json.loads(line)
             except json.JSONDecodeError:
                 continue
             if row["code"] == self._code:
-                found.append(self._decode(row["outcome"]))
-        return found
+                outcomes.append(self._decode(row["outcome"]))
+        return outcomes
 
     def add(self, outcome: T) -> None:
         """Keep one."""

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 
 from amb_bringup.client.connection import ClientError
-from amb_bringup.demos.demo_run import controller_of, plant_of
-from amb_core.excitation import Multisine, Square, generate
+from amb_bringup.demos.demo_run import plant_of
+from amb_core.excitation import Multisine, Square
 from amb_core.ground.parameters import validate
-from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.pace import QUANTILES
 from amb_core.loop.real_time import RealTimeParameters
-from amb_core.loop.records import LoopRecord
-from amb_core.plant.simulation import simulate
-from amb_core.recording import Recording, audit_steps
+from amb_core.recording import audit_steps
 from amb_core.rig.emulation import Address, EmulatorProcess, EmulatorSettings, FaultParameters, LimitParameters
 from amb_core.rig.emulation.emulator import TargetEmulator
 from amb_core.rig.emulation.library import reference_library
@@ -54,7 +52,7 @@ def soak(folder: Path, seconds: float = 600.0) -> dict[str, Any]:
         amb.rig.land()
         state = amb.rig.wait_for_state()
         amb.stop_recording(run, int(state.step))
-        found = session.diagnostics["target_emulator"]
+        emulator = session.diagnostics["target_emulator"]
     audit = audit_steps(bag, run)
     settled = [look for look in looks if look["time"] > min(60.0, 0.2 * seconds)]
     first, last = settled[0], settled[-1]
@@ -77,8 +75,8 @@ def soak(folder: Path, seconds: float = 600.0) -> dict[str, Any]:
             "trips": [str(trip.text) for trip in amb.rig.trips],
         },
         "pace": {
-            **{key: float(found[f"lateness {label} (us)"]) for key, label in zip(LATENESS, QUANTILES, strict=True)},
-            "missed": int(found["deadlines missed"]),
+            **{key: float(emulator[f"lateness {label} (us)"]) for key, label in zip(LATENESS, QUANTILES, strict=True)},
+            "missed": int(emulator["deadlines missed"]),
             "steps_missed": int(state.missed),
         },
     }  # fmt: skip
@@ -178,7 +176,7 @@ def link(samples: int = 100_000) -> dict[str, Any]:
         while emulator.latest.steps < wanted:
             emulator.ask_for_report()
             time.sleep(0.01)
-        injected, found = emulator.latest.to_host, connection.count.samples
+        injected, gaps = emulator.latest.to_host, connection.count.samples
         played = np.full((samples + 200, 4), np.nan)
         for block in listener.blocks:
             first = block.first_step - (step - 100)
@@ -190,9 +188,9 @@ def link(samples: int = 100_000) -> dict[str, Any]:
         return {
             "link": {
                 "injected_gaps": injected.samples,
-                "reported_gaps": found.lost,
-                "late": found.late,
-                "doubled": found.doubled,
+                "reported_gaps": gaps.lost,
+                "late": gaps.late,
+                "doubled": gaps.doubled,
                 "upload_s": upload,
                 "upload_exact": bool(np.array_equal(played[there], expected[there])),
                 "samples_compared": int(there.sum()),
@@ -345,62 +343,3 @@ def bridge_fuzz(folder: Path, frames: int = 1_000_000) -> dict[str, Any]:
             "bridge_frames_refused": int(refused),
         }
     }
-
-
-def same(folder: Path, duration: float = 4.0, frequency_start: float = 2.0) -> dict[str, Any]:
-    """One experiment through bridge and emulator, and without either: float64 bit for bit, float32 by its response."""
-    multisine = MULTISINE.model_copy(update={"duration": duration, "frequency_start": frequency_start})
-    identical, records = True, {}
-    for float64 in (True, False):
-        bridge = {"levitation_time": 0.0, "link": {"float64": float64}}
-        with Session(folder, RIGID, target_emulator=PATIENT, hardware_bridge=bridge) as session:
-            amb = session.amb
-            amb.rig.connect()
-            bag = Path(amb.start_recording(folder / f"same_{float64}"))
-            run = amb.rig.levitate()
-            amb.rig.wait_for_step(3_000)
-            started = amb.start_excitation(multisine.kind, **multisine.model_dump())
-            end = started.first_step + started.steps
-            amb.rig.wait_for_step(end)
-            amb.rig.land()
-            amb.stop_recording(run, end)
-        record = Recording.read(bag).telemetry(run).window(0, end)
-        plant = plant_of(RIGID)
-        samples = generate(multisine, plant.machine.sample_rate, plant.machine).samples
-        law = PdController(controller_of(RIGID), 4)
-        expected = simulate(plant, law, end, samples, started.first_step)
-        if float64:
-            identical = record.identical_to(expected)
-        else:
-            window = started.first_step, started.steps
-            records = {"bridge": record.window(*window), "simulator": expected.window(*window)}
-    return {"same": {"bit_identical": bool(identical), "frf_error_percent": _response_error(**records)}}
-
-
-def _response_error(bridge: LoopRecord, simulator: LoopRecord) -> float:
-    """Largest relative error of the responses to all axes, 5 to 1000 Hz, entries above 1 % of the largest (%)."""
-    estimates = [_response(record) for record in (bridge, simulator)]
-    frequency, measured = estimates[0]
-    _, expected = estimates[1]
-    size = np.abs(expected)
-    in_band = (frequency >= 5) & (frequency <= 1000)
-    counted = (size > 0.01 * size.max(axis=(1, 2), keepdims=True)) & in_band[:, None, None]
-    return float(100.0 * (np.abs(measured - expected) / size)[counted].max())
-
-
-def _response(record: LoopRecord) -> tuple[np.ndarray, np.ndarray]:
-    """Response of the positions to the currents at the excited lines, from the last period of each experiment."""
-    axes, experiments = len(record.axes), len(record.axes)
-    steps = record.steps // experiments
-    period = steps // MULTISINE.periods
-    inputs, outputs, references = [], [], []
-    for number in range(experiments):
-        rows = slice(number * steps + steps - period, number * steps + steps)
-        for signals, into in ((record.current, inputs), (record.position, outputs), (record.reference, references)):
-            into.append(np.fft.rfft(signals[rows] - signals[rows].mean(axis=0), axis=0))
-    u, y, r = (np.stack(signals, axis=2) for signals in (inputs, outputs, references))  # (lines, axes, experiments)
-    power = np.abs(r).max(axis=(1, 2))
-    excited = power > 1e-3 * power.max()
-    frequency = np.fft.rfftfreq(period, record.sample_time)[excited]
-    assert axes == u.shape[1]
-    return frequency, y[excited] @ np.linalg.inv(u[excited])

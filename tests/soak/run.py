@@ -17,14 +17,14 @@ from typing import Any
 
 from tests.front_door.results import results_file
 from tests.fuzz import target
-from tests.soak import board_model, commissioning, conformance, parts, recovery, safety, trips
+from tests.soak import board_model, commissioning, conformance, parts, recovery, safety, same, trips
 
 Part = Callable[..., dict[str, Any]]
 PARTS: dict[str, tuple[Part, dict[str, float]]] = {
     "pace": (lambda folder, **size: parts.pace(**size), {"seconds": 1.0}),
     "soak": (parts.soak, {"seconds": 9.0}),
     "link": (lambda folder, **size: parts.link(**size), {"samples": 2_000}),
-    "same": (parts.same, {"duration": 0.2, "frequency_start": 20.0}),
+    "same": (same.same, {"duration": 0.2, "frequency_start": 20.0}),
     "lifecycle": (parts.lifecycle, {"count": 9}),
     "trips": (lambda folder, **size: trips.trips(folder, parts.PAPER, **size), {"each": 1}),
     "kills": (parts.kills, {"rounds": 1}),
@@ -47,11 +47,11 @@ def target_fuzz(frames: int = 10_000_000) -> dict[str, Any]:
     return fuzz_figures(target.run(frames, seed=1, jobs=2))
 
 
-def fuzz_figures(found: dict[str, Any]) -> dict[str, Any]:
+def fuzz_figures(fuzzed: dict[str, Any]) -> dict[str, Any]:
     """What a run against the target has found, as in the results of the soak."""
     return {
-        "fuzz": {"target_frames": found["frames"], "target_findings": len(found["findings"])},
-        "forged": {"tried": found["forged"], "accepted": found["accepted"]},
+        "fuzz": {"target_frames": fuzzed["frames"], "target_findings": len(fuzzed["findings"])},
+        "forged": {"tried": fuzzed["forged"], "accepted": fuzzed["accepted"]},
     }
 
 
@@ -77,20 +77,20 @@ def main() -> int:
                 size = {"file": results_file("commissioning_rigs.jsonl"), "most": given.runs}
             began = time.monotonic()
             try:
-                found = measure(folder, **size)
+                figures = measure(folder, **size)
             except Exception:
                 traceback.print_exc()
-                found, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
-            _write(found, f"{part}_failed", file)
-            print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(found)}", flush=True)
+                figures, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
+            _write(figures, f"{part}_failed", file)
+            print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(figures)}", flush=True)
     return failed
 
 
-def _write(found: dict[str, Any], failure: str, file: Path) -> None:
+def _write(figures: dict[str, Any], failure: str, file: Path) -> None:
     """Add figures to the results; parts that were run before stay, but for a failure that is mended."""
     known: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
     known.pop(failure, None)
-    for key, value in found.items():
+    for key, value in figures.items():
         known[key] = {**known.get(key, {}), **value} if isinstance(value, dict) else value
     file.write_text(json.dumps(known, indent=2) + "\n")
 

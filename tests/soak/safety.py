@@ -28,17 +28,17 @@ def safety(sequences: int = 100_000) -> dict[str, Any]:
         Each of up to two dozen commands after a levitation, most of them with faults.
     """
     with tempfile.TemporaryDirectory(prefix="target_safety") as folder:
-        found = run(build(Path(folder)), sequences)
-    print(f"safety: {json.dumps(found)}", flush=True)
-    return {"safety": {name: found[name] for name in ("sequences", "jumps", "limits_broken")}}
+        counts = run(build(Path(folder)), sequences)
+    print(f"safety: {json.dumps(counts)}", flush=True)
+    return {"safety": {name: counts[name] for name in ("sequences", "jumps", "limits_broken")}}
 
 
 def build(folder: Path, source: Path = SOURCE) -> Path:
     """Compile the sequences with a target."""
     program = folder / "target_safety"
     headers, files = (
-        tuple((str(file.relative_to(source)), file.read_text()) for file in sorted(found))
-        for found in (source.rglob("*.h"), [*source.glob("*.c"), source / "hosted" / "hosted.c"])
+        tuple((str(file.relative_to(source)), file.read_text()) for file in sorted(source_file))
+        for source_file in (source.rglob("*.h"), [*source.glob("*.c"), source / "hosted" / "hosted.c"])
     )
     sequences = Path(__file__).with_name("target_safety.c")
     objects = [_compiled(*file, headers) for file in ((sequences.name, sequences.read_text()), *files)]
@@ -68,5 +68,5 @@ def _compiled(name: str, text: str, headers: tuple[tuple[str, str], ...]) -> Pat
 def run(program: Path, sequences: int, seed: int = 1) -> dict[str, Any]:
     """What the program counts; the first findings are on standard error."""
     ended = subprocess.run([program, str(sequences), str(seed)], check=True, stdout=subprocess.PIPE, text=True)
-    found: dict[str, Any] = json.loads(ended.stdout)
-    return found
+    result: dict[str, Any] = json.loads(ended.stdout)
+    return result

@@ -123,14 +123,14 @@ def trips(folder: Path, machine: Path, each: int = 50) -> dict[str, Any]:
         recorded = _recorded(bag)
         for name, run, latched in done:
             tried[name] += 1
-            found = recorded.get((run, kinds[name].reason))
-            good = latched and found is not None and _complete(found, kinds[name])
+            trip = recorded.get((run, kinds[name].reason))
+            good = latched and trip is not None and _complete(trip, kinds[name])
             right[name] += good
-            whole += found is not None and _lacking(found) == 0
-            named += found is not None and f"; {_lacking(found)} of the " in found.text
+            whole += trip is not None and _lacking(trip) == 0
+            named += trip is not None and f"; {_lacking(trip)} of the " in trip.text
             if not good:
-                blocks = [(block.first_step, len(block.axes[0].position)) for block in found.before] if found else []
-                print(f"{name}, run {run}: latched {latched}, {found and found.text}, {blocks}", flush=True)
+                blocks = [(block.first_step, len(block.axes[0].position)) for block in trip.before] if trip else []
+                print(f"{name}, run {run}: latched {latched}, {trip and trip.text}, {blocks}", flush=True)
     return {
         "trips": {
             "tried": tried.total(), "right": right.total(), "whole": whole, "lack_named": named, "kinds": dict(right),

@@ -74,11 +74,11 @@ class LinearBearing:
     def response_error(self, model: StateSpaceModel) -> float:
         """Largest error of a model's frequency response from 5 to 1000 Hz, relative to the bearing's at each."""
         z = np.exp(2j * np.pi * np.geomspace(5.0, 1_000.0, 60) * self.sample_time)
-        found, right = (
+        identified, right = (
             np.array([part.c @ np.linalg.solve(point * np.eye(part.order) - part.a, part.b) for point in z])
             for part in (model, self.model)
         )
-        return float(np.max(np.linalg.norm(found - right, axis=(1, 2)) / np.linalg.norm(right, axis=(1, 2))))
+        return float(np.max(np.linalg.norm(identified - right, axis=(1, 2)) / np.linalg.norm(right, axis=(1, 2))))
 
     @functools.cache  # noqa: B019  (one bearing for the whole session)
     def experiment(

@@ -31,10 +31,10 @@ def ran(image: Path) -> tuple[Compared, Beside]:
 
 
 def test_every_frame_and_current_equals_the_host_build_bit_for_bit(ran: tuple[Compared, Beside]) -> None:
-    found, _ = ran
-    assert (found.frames_equal, found.steps_equal) == (found.frames, found.steps)
-    assert found.steps > 250
-    assert found.frames > 30
+    comparison, _ = ran
+    assert (comparison.frames_equal, comparison.steps_equal) == (comparison.frames, comparison.steps)
+    assert comparison.steps > 250
+    assert comparison.frames > 30
 
 
 def test_the_rotor_levitates_and_follows_the_excitation(ran: tuple[Compared, Beside]) -> None:
@@ -56,22 +56,22 @@ def test_it_answers_the_recorded_exchange_as_it_was_recorded(ran: tuple[Compared
 
 @pytest.mark.slow
 def test_the_model_from_its_telemetry_is_that_of_the_host_build(image: Path) -> None:
-    found = identified(image)
-    assert (found["samples"], found["samples_equal"], found["models_equal"]) == (8_000, 8_000, True)
-    assert found["fit_percent"] > 90.0  # of a plant without noise; the rest is its nonlinearity
+    model = identified(image)
+    assert (model["samples"], model["samples_equal"], model["models_equal"]) == (8_000, 8_000, True)
+    assert model["fit_percent"] > 90.0  # of a plant without noise; the rest is its nonlinearity
 
 
 def test_it_needs_no_more_than_the_guide_says(image: Path, ran: tuple[Compared, Beside]) -> None:
     """By a tenth at most, since compilers differ; a short run takes the same ways through the code."""
-    found, needed = ran[0], size(image)
+    comparison, needed = ran[0], size(image)
     guide = (SOURCE / "PORTING.md").read_text()
     measured = {
         "code and constants": needed.code,
         "variables, without the two buffers": needed.ram_without_buffers,
         "buffer of the second before a trip": needed.record,
-        "stack used": found.stack_bytes,
-        "control step, worst": found.instructions,
-        "control step of a state-space law of order 23, worst": found.instructions_state_space,
+        "stack used": comparison.stack_bytes,
+        "control step, worst": comparison.instructions,
+        "control step of a state-space law of order 23, worst": comparison.instructions_state_space,
     }
     for name, value in measured.items():
         row = re.search(rf"^\| {name} \| ([\d ]+) ", guide, re.MULTILINE)

@@ -61,15 +61,15 @@ def forget_places(folder: Path) -> None:
 
 
 def test_the_certificate_names_machine_data_controller_program_and_standards(made: Path) -> None:
-    found = content(made)
-    assert found["header"]["machine"] == "blower 3"
-    assert found["made"]["version"] and found["made"]["date"].endswith("+00:00")
-    assert found["controller"]["parameters"]["proportional_gain"] == 20_000.0
-    (data,) = found["data"].values()
+    values = content(made)
+    assert values["header"]["machine"] == "blower 3"
+    assert values["made"]["version"] and values["made"]["date"].endswith("+00:00")
+    assert values["controller"]["parameters"]["proportional_gain"] == 20_000.0
+    (data,) = values["data"].values()
     assert data["amplitude"]["x"] > 0.0
     low, high = data["excited_band"]
     assert 0.0 < low < 20.0 < high < 5_000.0
-    assert {one["standard"] for one in found["standards"]} >= {"ISO 14839-2", "ISO 14839-3"}
+    assert {one["standard"] for one in values["standards"]} >= {"ISO 14839-2", "ISO 14839-3"}
     page = (made / "certificate.html").read_text()
     for text in ("blower 3", "0815", "12000 rpm", "A. N. Engineer", "derivative_gain", "2006", "date and signature"):
         assert text in page
@@ -101,10 +101,10 @@ def test_a_changed_model_a_number_and_a_version_are_named(copied: Path) -> None:
     values["made"]["version"] = "0.0.1"
     values["mu"]["upper"] *= 2.0
     (copied / "certificate.json").write_text(json.dumps(values))
-    found = certify_again(copied / "certificate.json")
-    assert any(text.startswith("model: its matrices have the SHA-256") for text in found.differences)
-    assert any(text.startswith("mu.upper: ") for text in found.differences)
-    assert any(text.startswith("version of the workbench: ") for text in found.remarks)
+    certificate = certify_again(copied / "certificate.json")
+    assert any(text.startswith("model: its matrices have the SHA-256") for text in certificate.differences)
+    assert any(text.startswith("mu.upper: ") for text in certificate.differences)
+    assert any(text.startswith("version of the workbench: ") for text in certificate.remarks)
 
 
 def test_a_missing_file_and_another_json_are_refused_by_name(copied: Path, tmp_path: Path) -> None:

@@ -38,22 +38,22 @@ def amb_certify(model: Path, out: Path, *words: object) -> tuple[Result, dict]:
 
 
 def test_without_data_margins_are_computed_but_nothing_is_certified(files, tmp_path: Path) -> None:
-    result, found = amb_certify(files[0], tmp_path)
+    result, certificate = amb_certify(files[0], tmp_path)
     assert result.exit_code == 4
-    assert found["certified"] is False and found["peak_sensitivity"]
+    assert certificate["certified"] is False and certificate["peak_sensitivity"]
     assert "not certified" in (tmp_path / "certificate.html").read_text()
 
 
 def test_with_the_data_of_the_identification_the_certificate_says_so(files, tmp_path: Path) -> None:
     model, bag = files
-    result, found = amb_certify(model, tmp_path, "--bag", bag)
-    assert result.exit_code == (0 if found["certified"] else 4)
-    assert [check["passed"] for check in found["checks"] if check["name"] == "the model is validated"] == [True]
-    assert any("the samples of the identification are in these data" in text for text in found["warnings"])
-    assert found["reserved"] is True
-    assert not found["certified"] or found["verdict"].startswith("Certified with reservations")
-    assert {name.split()[0] for name in found["inputs"]} == {"model", "bag", "controller"}
-    assert found["bounds"]
+    result, certificate = amb_certify(model, tmp_path, "--bag", bag)
+    assert result.exit_code == (0 if certificate["certified"] else 4)
+    assert [check["passed"] for check in certificate["checks"] if check["name"] == "the model is validated"] == [True]
+    assert any("the samples of the identification are in these data" in text for text in certificate["warnings"])
+    assert certificate["reserved"] is True
+    assert not certificate["certified"] or certificate["verdict"].startswith("Certified with reservations")
+    assert {name.split()[0] for name in certificate["inputs"]} == {"model", "bag", "controller"}
+    assert certificate["bounds"]
 
 
 def test_a_recorded_sweep_is_checked_and_compared_with_the_model(files, bearing, tmp_path: Path) -> None:
@@ -61,20 +61,20 @@ def test_a_recorded_sweep_is_checked_and_compared_with_the_model(files, bearing,
     record = bearing.experiment(2e-8, "sweep", force=0.1, **sweep.model_dump())
     model, bag = files
     swept = write_bag(tmp_path / "swept", record)
-    _, found = amb_certify(model, tmp_path / "out", "--bag", bag, "--sweep-bag", swept)
-    (check,) = (one for one in found["checks"] if one["name"].startswith("measured by a swept sine"))
+    _, certificate = amb_certify(model, tmp_path / "out", "--bag", bag, "--sweep-bag", swept)
+    (check,) = (one for one in certificate["checks"] if one["name"].startswith("measured by a swept sine"))
     assert check["passed"], check["finding"]
-    assert found["measured"]["worst_difference_db"] < 0.5
-    assert any(name.startswith("sweep bag") for name in found["inputs"])
+    assert certificate["measured"]["worst_difference_db"] < 0.5
+    assert any(name.startswith("sweep bag") for name in certificate["inputs"])
 
 
 def test_without_data_under_the_controller_to_certify_the_loop_is_predicted_only(files, tmp_path: Path) -> None:
     model, bag = files
-    result, found = amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--controller", "pd:25000,50")
+    result, certificate = amb_certify(model, tmp_path, "--bag", bag, "--sweep-bag", bag, "--controller", "pd:25000,50")
     assert result.exit_code == 4
-    assert not found["certified"]
-    assert "no data are of a loop with this controller" in [check["finding"] for check in found["checks"]]
-    assert any("left out: it is not of a loop with this controller" in text for text in found["warnings"])
+    assert not certificate["certified"]
+    assert "no data are of a loop with this controller" in [check["finding"] for check in certificate["checks"]]
+    assert any("left out: it is not of a loop with this controller" in text for text in certificate["warnings"])
 
 
 def test_a_sweep_is_measured_or_given(files, tmp_path: Path) -> None:

@@ -25,13 +25,13 @@ def data(bearing) -> IdentificationData:
 
 
 @pytest.fixture(scope="module")
-def found(data) -> Identification:
+def identification(data) -> Identification:
     return identify(data, 6, controller=LAW)
 
 
 @pytest.fixture(scope="module")
-def plain(data, found) -> Certificate:
-    return certify_from_data(found, LAW, Recorded(data, LAW), settings=SETTINGS)
+def plain(data, identification) -> Certificate:
+    return certify_from_data(identification, LAW, Recorded(data, LAW), settings=SETTINGS)
 
 
 def measured_of(certificate: Certificate) -> Check:
@@ -43,38 +43,50 @@ def test_data_of_the_loop_measure_its_sensitivity(plain) -> None:
     assert measured_of(plain).passed, measured_of(plain).finding
 
 
-def test_a_sweep_of_another_controller_takes_nothing_away(data, found, plain) -> None:
+def test_a_sweep_of_another_controller_takes_nothing_away(data, identification, plain) -> None:
     certificate = certify_from_data(
-        found, LAW, Recorded(data, LAW), settings=SETTINGS, swept=Recorded(data, OTHER), uncertainty=found.uncertainty
+        identification,
+        LAW,
+        Recorded(data, LAW),
+        settings=SETTINGS,
+        swept=Recorded(data, OTHER),
+        uncertainty=identification.uncertainty,
     )
     assert [check.name for check in certificate.checks] == [check.name for check in plain.checks]
     assert certificate.measured is not None
     assert any("left out: it is not of a loop with this controller" in text for text in certificate.warnings)
 
 
-def test_data_whose_currents_another_controller_computed_measure_nothing(data, found) -> None:
+def test_data_whose_currents_another_controller_computed_measure_nothing(data, identification) -> None:
     """Nobody said which controller ran; the currents show it."""
-    certificate = certify_from_data(found.model, OTHER, data, Recorded(data, LAW), settings=SETTINGS)
+    certificate = certify_from_data(identification.model, OTHER, data, Recorded(data, LAW), settings=SETTINGS)
     check = measured_of(certificate)
     assert not check.passed
     assert "does not compute" in check.finding
 
 
-def test_a_sweep_that_is_said_to_be_of_the_controller_must_show_it(data, found) -> None:
+def test_a_sweep_that_is_said_to_be_of_the_controller_must_show_it(data, identification) -> None:
     certificate = certify_from_data(
-        found, OTHER, Recorded(data, LAW), settings=SETTINGS, swept=Recorded(data, OTHER), uncertainty=found.uncertainty
+        identification,
+        OTHER,
+        Recorded(data, LAW),
+        settings=SETTINGS,
+        swept=Recorded(data, OTHER),
+        uncertainty=identification.uncertainty,
     )
     assert not any(check.name.startswith("measured by a swept sine") for check in certificate.checks)
     assert any("the swept sine is left out: " in text and "does not compute" in text for text in certificate.warnings)
 
 
-def test_data_of_the_identification_measure_it_where_those_of_the_validation_are_of_another_loop(data, found) -> None:
-    certificate = certify_from_data(found, LAW, Recorded(data, LAW), Recorded(data, OTHER), settings=SETTINGS)
+def test_data_of_the_identification_measure_it_where_those_of_the_validation_are_of_another_loop(
+    data, identification
+) -> None:
+    certificate = certify_from_data(identification, LAW, Recorded(data, LAW), Recorded(data, OTHER), settings=SETTINGS)
     assert measured_of(certificate).passed
 
 
-def test_without_data_of_the_loop_the_certificate_says_so(found) -> None:
-    check = measured_of(certify(found.model, LAW, settings=SETTINGS))
+def test_without_data_of_the_loop_the_certificate_says_so(identification) -> None:
+    check = measured_of(certify(identification.model, LAW, settings=SETTINGS))
     assert (check.passed, check.finding) == (False, NOT_RUN)
 
 
@@ -97,14 +109,14 @@ def test_all_that_passes_but_the_measurement_is_predicted(plain) -> None:
     assert certificate.verdict.startswith(f"Predicted, not certified, since {NOT_RUN}")
 
 
-def test_displacement_counts_in_all_data_over_the_clearance_of_each_axis(data, found) -> None:
+def test_displacement_counts_in_all_data_over_the_clearance_of_each_axis(data, identification) -> None:
     plant = PlantParameters()
     largest = np.abs(data.experiments[0].outputs).max(axis=0)
     near = plant.model_copy(
         update={"rotor": plant.rotor.model_copy(update={"backup_bearing_radius": 1.2 * largest.max()})}
     )
     quiet = data.window(0, 5_000)
-    of_both = certify_from_data(found, LAW, Recorded(data, LAW, near), Recorded(quiet, LAW), settings=SETTINGS)
+    of_both = certify_from_data(identification, LAW, Recorded(data, LAW, near), Recorded(quiet, LAW), settings=SETTINGS)
     assert of_both.displacement is not None
     assert max(of_both.displacement.values()) == "D"
 
@@ -114,10 +126,10 @@ def test_what_is_not_known_of_displacement_and_operation_is_said(plain) -> None:
     assert any("operation_amplitude" in text and "was not checked" in text for text in plain.warnings)
 
 
-def test_where_the_response_is_not_linear_in_the_parameters_the_data_bound_it(data, found, plain) -> None:
+def test_where_the_response_is_not_linear_in_the_parameters_the_data_bound_it(data, identification, plain) -> None:
     """The ellipsoid taken as linear says 3.1 of a model that has 2.0; what the response may be is measured."""
-    far = replace(found.uncertainty, root=200.0 * found.uncertainty.root)
-    certificate = certify_from_data(found, LAW, Recorded(data, LAW), settings=SETTINGS, uncertainty=far)
+    far = replace(identification.uncertainty, root=200.0 * identification.uncertainty.root)
+    certificate = certify_from_data(identification, LAW, Recorded(data, LAW), settings=SETTINGS, uncertainty=far)
     assert certificate.assessment is not None and certificate.assessment.bounds is not None
     assert plain.assessment is not None and plain.assessment.bounds is not None
     for bound, usual in zip(certificate.assessment.bounds.axes, plain.assessment.bounds.axes, strict=True):

@@ -48,9 +48,9 @@ def test_identify_and_validate_name_the_derivative() -> None:
     record, loop = draw_record(np.random.default_rng(5), 4_000, axes=1)
     other = "measurement" if loop.controller.derivative_on == "error" else "error"
     wrong = loop.controller.model_copy(update={"derivative_on": other})
-    found = identify(record, 5, "ssarx", wrong)
-    assert f"the derivative on the {loop.controller.derivative_on}" in found.report.finding("controller").what
-    judged = validate(found.model, IdentificationData.from_record(record), wrong)
+    identification = identify(record, 5, "ssarx", wrong)
+    assert f"the derivative on the {loop.controller.derivative_on}" in identification.report.finding("controller").what
+    judged = validate(identification.model, IdentificationData.from_record(record), wrong)
     assert any(f"the derivative on the {loop.controller.derivative_on}" in one.finding for one in judged.failed)
     assert identify(record, 5, "ssarx", loop.controller).report.finding("controller").severity is Severity.INFO
 

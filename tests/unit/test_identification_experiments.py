@@ -59,8 +59,8 @@ def test_the_first_states_of_all_experiments_are_recovered() -> None:
     inputs = random.normal(size=(sum(lengths), 2))
     outputs = -innovations(a, b, c, k, firsts, inputs, np.zeros_like(inputs), lengths)
     # With outputs fed back by K the prediction is another one; without K the data are those of F = A - K C.
-    found, _, found_firsts = fit_input_matrix(a - k @ c, c, np.zeros((2, 2)), inputs, outputs, lengths)
-    assert found == pytest.approx(b, abs=1e-12)
+    b_fitted, _, found_firsts = fit_input_matrix(a - k @ c, c, np.zeros((2, 2)), inputs, outputs, lengths)
+    assert b_fitted == pytest.approx(b, abs=1e-12)
     assert found_firsts == pytest.approx(firsts, abs=1e-12)
 
 

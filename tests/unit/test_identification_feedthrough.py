@@ -32,9 +32,9 @@ def data() -> IdentificationData:
 
 @functools.cache
 def uncertainty() -> ModelUncertainty:
-    found = identify(data(), 6, feedthrough=True).uncertainty
-    assert found is not None
-    return found
+    identification = identify(data(), 6, feedthrough=True).uncertainty
+    assert identification is not None
+    return identification
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -92,8 +92,8 @@ def test_models_drawn_from_its_distribution_lie_about_the_estimate() -> None:
 
 
 def test_the_residuals_of_the_estimate_pass_their_tests_on_other_data() -> None:
-    found = validate(uncertainty().model, PROCESS.data(seed=2))
-    assert found.white and found.independent and found.validated
+    validation = validate(uncertainty().model, PROCESS.data(seed=2))
+    assert validation.white and validation.independent and validation.validated
 
 
 def test_the_check_of_the_delay_advises_it_and_is_content_with_it() -> None:

@@ -35,11 +35,11 @@ def test_the_gain_does_not_depend_on_the_unit_of_the_outputs(seed: int) -> None:
     """In m, squared innovations of a simulated bearing are 1e-24, next to squared states of 1."""
     random = np.random.default_rng(100 + seed)
     inputs, outputs = random.normal(size=(2, 400, AXES))
-    found = [
+    poles = [
         fit_kalman_gain(model_of(seed, unit), [inputs], [unit * outputs], np.zeros((1, ORDER))).k * unit
         for unit in (1.0, 1e-11)
     ]
-    assert np.isfinite(found[0]).all()
-    np.testing.assert_allclose(found[1], found[0], rtol=1e-3, atol=1e-6 * np.abs(found[0]).max())
-    radius = np.abs(np.linalg.eigvals(model_of(seed, 1.0).a - found[0] @ model_of(seed, 1.0).c)).max()
+    assert np.isfinite(poles[0]).all()
+    np.testing.assert_allclose(poles[1], poles[0], rtol=1e-3, atol=1e-6 * np.abs(poles[0]).max())
+    radius = np.abs(np.linalg.eigvals(model_of(seed, 1.0).a - poles[0] @ model_of(seed, 1.0).c)).max()
     assert radius < 1.0

@@ -35,7 +35,7 @@ def test_without_noise_it_starts_from_a_stable_loop(bearing: LinearBearing) -> N
     starts = starts_for_simulation(IdentificationData.from_record(record), 8, Watch(), "")
     assert min(np.abs(closed_loop_poles(start, CONTROLLER)[0]) for start in starts) < LARGEST_RADIUS
 
-    found = identify(record, 8, focus="simulation", controller=CONTROLLER)
+    identification = identify(record, 8, focus="simulation", controller=CONTROLLER)
 
-    assert found.stable
-    assert min(found.model.fit) > 99.0
+    assert identification.stable
+    assert min(identification.model.fit) > 99.0

@@ -30,15 +30,15 @@ def measured(**settings: object) -> FrequencyResponse:
 
 @pytest.mark.parametrize("pole", [0.9, 1.1])
 def test_a_first_order_lag_has_its_closed_form(pole: float) -> None:
-    found = response_of(first_order(pole), FREQUENCIES)
+    response = response_of(first_order(pole), FREQUENCIES)
     lag = 1.0 / (np.exp(2j * np.pi * FREQUENCIES * 1e-3) - pole)
-    assert found.response[:, 0, 0] == pytest.approx(lag)
-    assert found.response[:, 1, 1] == pytest.approx(2.0 * lag)
-    assert found.response[:, 1, 0] == pytest.approx(0.5)
-    assert np.all(found.response[:, 0, 1] == 0.0)
-    assert found.label == "pem, order 2"
-    assert found.magnitude_band() is None
-    assert found.phase_band() is None
+    assert response.response[:, 0, 0] == pytest.approx(lag)
+    assert response.response[:, 1, 1] == pytest.approx(2.0 * lag)
+    assert response.response[:, 1, 0] == pytest.approx(0.5)
+    assert np.all(response.response[:, 0, 1] == 0.0)
+    assert response.label == "pem, order 2"
+    assert response.magnitude_band() is None
+    assert response.phase_band() is None
 
 
 def test_many_frequencies_give_what_each_gives() -> None:

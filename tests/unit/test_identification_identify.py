@@ -101,25 +101,25 @@ def test_other_plants_are_identified_without_a_loop_and_keep_their_names(data: I
 
 def test_the_uncertainty_is_that_of_the_prediction_errors_only(data: IdentificationData) -> None:
     assert identify(data, 6, "ssarx").uncertainty is None
-    found = identify(data, 6)
-    assert found.uncertainty is not None and found.uncertainty.model is found.model
-    assert not found.uncertainty.robust
+    identification = identify(data, 6)
+    assert identification.uncertainty is not None and identification.uncertainty.model is identification.model
+    assert not identification.uncertainty.robust
 
 
 def test_where_the_innovations_are_not_white_the_uncertainty_is_robust(data: IdentificationData) -> None:
-    found = identify(data, 3)
-    assert found.uncertainty is not None and found.uncertainty.robust
-    assert "innovations are not white and are taken as they are" in found.uncertainty.summary
-    deviations = estimate_uncertainty(found.model, data).pole_deviations()
-    assert found.uncertainty.pole_deviations().max() > 1.5 * deviations.max()
+    identification = identify(data, 3)
+    assert identification.uncertainty is not None and identification.uncertainty.robust
+    assert "innovations are not white and are taken as they are" in identification.uncertainty.summary
+    deviations = estimate_uncertainty(identification.model, data).pole_deviations()
+    assert identification.uncertainty.pole_deviations().max() > 1.5 * deviations.max()
 
 
 @pytest.mark.slow
 def test_simulation_focus_does_not_make_the_closed_loop_worse(data: IdentificationData) -> None:
     start = identify(data, 6, "ssarx")
-    found = identify(data, 6, "ssarx", focus="simulation")
-    assert found.stable and np.all(found.model.fit >= start.model.fit - 1e-6)
-    assert found.uncertainty is None
+    identification = identify(data, 6, "ssarx", focus="simulation")
+    assert identification.stable and np.all(identification.model.fit >= start.model.fit - 1e-6)
+    assert identification.uncertainty is None
 
 
 def test_auto_finds_the_order_of_the_bearing_and_judges_the_data_for_it(data: IdentificationData) -> None:

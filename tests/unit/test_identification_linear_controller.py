@@ -53,14 +53,14 @@ def as_linear(controller: ControllerParameters, axes: int = 2) -> LinearControl:
 @pytest.mark.parametrize("axes", SIZES)
 def test_a_loop_is_identified_and_validated(axes: int, kind: str) -> None:
     controller, record = controller_of(axes, kind), record_of(axes, kind)
-    found = identify(record, 3 * axes, controller=controller)
-    assert found.stable and len(found.model.unstable_poles()) == axes
-    assert found.model.fit.min() >= 95.0
+    identification = identify(record, 3 * axes, controller=controller)
+    assert identification.stable and len(identification.model.unstable_poles()) == axes
+    assert identification.model.fit.min() >= 95.0
     other = rotor(axes).record(linear_law(controller.model, axes), 6_000, seed=2)
-    judged = validate(found.model, IdentificationData.from_record(other), controller)
+    judged = validate(identification.model, IdentificationData.from_record(other), controller)
     assert judged.validated and judged.fit.min() >= 95.0, judged.summary
     assert not any("compute" in note for note in judged.notes)
-    closed_loop_modes(found.model, controller)
+    closed_loop_modes(identification.model, controller)
 
 
 @pytest.mark.parametrize("axes", SIZES)
@@ -156,7 +156,7 @@ def test_the_pd_law_as_a_linear_controller_gives_the_same_numbers(
     np.testing.assert_allclose(mine.fit, theirs.fit, rtol=1e-9)
     assert mine.closed_loop is not None and theirs.closed_loop is not None
     for name in ("position", "current"):
-        one, two = (getattr(found.closed_loop.simulated[0], name) for found in (mine, theirs))
+        one, two = (getattr(validation.closed_loop.simulated[0], name) for validation in (mine, theirs))
         assert np.max(np.abs(one - two)) < 1e-9 * np.max(np.abs(two))
     slow = np.abs(closed_loop_poles(model, controller)) > 0.5  # the backward difference adds poles at 0
     np.testing.assert_allclose(

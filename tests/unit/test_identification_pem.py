@@ -87,14 +87,14 @@ def test_the_end_of_the_search_says_whether_it_converged(bearing: LinearBearing)
 
 
 def test_a_summary_says_that_the_search_has_not_converged(bearing: LinearBearing) -> None:
-    found = identify(bearing.experiment(**BASE_NOISE), 10, "pem")
-    assert found.search is not None
-    unfinished = replace(found, search=SearchEnd(22, 0.031, converged=False))
+    identification = identify(bearing.experiment(**BASE_NOISE), 10, "pem")
+    assert identification.search is not None
+    unfinished = replace(identification, search=SearchEnd(22, 0.031, converged=False))
     assert (
         "the search stopped after 22 steps and had not converged, a further step promises 3.1 % less squared error"
         in unfinished.summary
     )
-    assert "converged" not in replace(found, search=SearchEnd(9, 1e-6, converged=True)).summary
+    assert "converged" not in replace(identification, search=SearchEnd(9, 1e-6, converged=True)).summary
 
 
 def test_starting_from_its_own_result_changes_next_to_nothing(bearing: LinearBearing) -> None:
@@ -195,6 +195,6 @@ def test_a_search_from_two_about_equal_modes_of_the_predictor_does_not_stall(sam
     """The pole 0.926 twice: in an orthonormal basis of that pair the search ended 8 standard deviations away."""
     plant = draw("honest", 6)
     data = IdentificationData.from_record(plant.record(samples, 12))
-    found = identify(data, plant.order, controller=plant.mild)
-    assert found.search is not None and found.search.converged
-    assert found.uncertainty is not None and found.uncertainty.distance < 0.5
+    identification = identify(data, plant.order, controller=plant.mild)
+    assert identification.search is not None and identification.search.converged
+    assert identification.uncertainty is not None and identification.uncertainty.distance < 0.5

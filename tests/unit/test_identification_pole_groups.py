@@ -48,11 +48,11 @@ def inside(pole: complex, groups: list[PoleGroup], confidence: float = 0.99) -> 
 def test_true_poles_lie_in_the_region_of_their_group(true: np.ndarray, poles: list[complex]) -> None:
     """With 1 % outside, fewer than 194 of 200 inside would have a probability of 0.4 %."""
     random, changes = np.random.default_rng(0), every_entry(len(true))
-    found = np.zeros(len(poles), dtype=int)
+    counts = np.zeros(len(poles), dtype=int)
     for _ in range(RUNS):
         groups = pole_groups(true + np.tensordot(random.normal(size=len(changes)), changes, axes=1), changes)
-        found += [inside(pole, groups) for pole in poles]
-    assert found.min() >= 194
+        counts += [inside(pole, groups) for pole in poles]
+    assert counts.min() >= 194
 
 
 def test_the_derivatives_of_close_poles_do_not_hold_the_true_ones() -> None:

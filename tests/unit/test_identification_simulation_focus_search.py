@@ -29,7 +29,7 @@ def derivatives(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def search(**settings: object) -> tuple[np.ndarray, list[float]]:
     """The point found from the usual start, and the sums of squares on the way."""
     told: list[float] = []
-    found = minimise(
+    minimum = minimise(
         np.array([-1.2, 1.0]),
         lambda point: float(np.sum(rosenbrock(point) ** 2)),
         derivatives,
@@ -37,18 +37,18 @@ def search(**settings: object) -> tuple[np.ndarray, list[float]]:
         lambda iteration, squares: told.append(squares),
         **{"most_iterations": 60, **settings},
     ).point
-    return found, told
+    return minimum, told
 
 
 def test_the_valley_of_rosenbrock_is_followed_to_its_lowest_point() -> None:
-    found, told = search()
-    assert found == pytest.approx([1.0, 1.0], abs=1e-6)
+    minimum, told = search()
+    assert minimum == pytest.approx([1.0, 1.0], abs=1e-6)
     assert np.all(np.diff(told) <= 0.0)
 
 
 def test_points_that_are_not_allowed_are_stepped_around() -> None:
-    found, _ = search(move=lambda point, step: None if (point + step)[0] > 0.5 else point + step)
-    assert -1.2 < found[0] <= 0.5
+    minimum, _ = search(move=lambda point, step: None if (point + step)[0] > 0.5 else point + step)
+    assert -1.2 < minimum[0] <= 0.5
 
 
 def test_the_search_ends_after_the_steps_that_it_may_try() -> None:
@@ -85,8 +85,8 @@ def test_balancing_changes_the_states_only(bearing: LinearBearing) -> None:
     )
     balanced = balanced_predictor(model, np.ones(2))
     assert np.max(np.abs(balanced.a)) < 2.0
-    for found, right in zip(_responses(balanced), _responses(model), strict=True):
-        assert found == pytest.approx(right, rel=1e-5, abs=1e-8 * np.max(np.abs(right)))
+    for response, right in zip(_responses(balanced), _responses(model), strict=True):
+        assert response == pytest.approx(right, rel=1e-5, abs=1e-8 * np.max(np.abs(right)))
 
 
 def test_a_predictor_that_is_not_stable_is_not_balanced(bearing: LinearBearing) -> None:

@@ -47,9 +47,9 @@ def test_the_papers_experiment_gives_two_unstable_real_poles_and_a_stable_closed
 @pytest.mark.parametrize("order", [6, 8, 10])
 @pytest.mark.parametrize("noise", [1e-9, 5e-8])
 def test_the_unstable_poles_of_the_bearing_are_found(bearing: LinearBearing, order: int, noise: float) -> None:
-    found = identify(bearing.experiment(noise), order, "n4sid").model.unstable_poles()
+    identification = identify(bearing.experiment(noise), order, "n4sid").model.unstable_poles()
     # In 1/s the poles are 230 and 225; noise through the feedback lowers the estimates by a few per cent.
-    assert np.log(found) == pytest.approx(np.log(bearing.model.unstable_poles()), rel=0.05)
+    assert np.log(identification) == pytest.approx(np.log(bearing.model.unstable_poles()), rel=0.05)
 
 
 @pytest.mark.parametrize("method", ["n4sid", "moesp", "cva"])
@@ -76,8 +76,8 @@ def test_a_model_of_known_order_has_the_frequency_response_of_the_bearing(bearin
     model, truth = identify(bearing.experiment(), 6, "n4sid").model, bearing.model
     for frequency in (1.0, 60.0, 500.0):
         z = np.exp(2j * np.pi * frequency * 1e-4)
-        found, right = (part.c @ np.linalg.solve(z * np.eye(6) - part.a, part.b) for part in (model, truth))
-        assert np.max(np.abs(found - right)) < 0.02 * np.max(np.abs(right))
+        identified, right = (part.c @ np.linalg.solve(z * np.eye(6) - part.a, part.b) for part in (model, truth))
+        assert np.max(np.abs(identified - right)) < 0.02 * np.max(np.abs(right))
 
 
 def test_the_model_keeps_operating_point_and_provenance(bearing: LinearBearing) -> None:
@@ -122,10 +122,10 @@ def test_the_input_matrix_and_first_state_that_made_the_data_are_recovered() -> 
         if np.max(np.abs(state)) >= 1e3:
             inputs, outputs = inputs[:step], outputs[:step]
             break
-    found, _, found_first = fit_input_matrix(a, c, k, inputs, outputs)
-    assert found == pytest.approx(b, abs=1e-9)
+    b_fitted, _, found_first = fit_input_matrix(a, c, k, inputs, outputs)
+    assert b_fitted == pytest.approx(b, abs=1e-9)
     assert found_first[0] == pytest.approx(first, abs=1e-9)
-    assert np.max(np.abs(innovations(a, found, c, k, found_first, inputs, outputs))) < 1e-9 * np.max(np.abs(outputs))
+    assert np.max(np.abs(innovations(a, b_fitted, c, k, found_first, inputs, outputs))) < 1e-9 * np.max(np.abs(outputs))
 
 
 def test_an_order_too_low_for_the_plant_gives_a_bad_fit_and_no_error(

@@ -41,12 +41,12 @@ def results(bearing) -> dict[str, np.ndarray]:
     """Models of all methods, the uncertainty of `pem`, and the criteria of order, from squares of 20 Hz."""
     record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
     data = IdentificationData.from_record(record)
-    found = {method: identify(data, ORDER, method) for method in METHODS}
-    models = {method: result.model for method, result in found.items()}
+    identifications = {method: identify(data, ORDER, method) for method in METHODS}
+    models = {method: result.model for method, result in identifications.items()}
     models["arx"] = arx(record.current, record.position, record.sample_time, 8)
     kept = {f"{name}.{matrix}": getattr(model, matrix) for name, model in models.items() for matrix in MATRICES}
     kept |= {f"{name}.response": response_of(model, FREQUENCIES).response for name, model in models.items()}
-    uncertainty = found["pem"].uncertainty
+    uncertainty = identifications["pem"].uncertainty
     assert uncertainty is not None
     kept["pem.deviation"] = uncertainty.response(FREQUENCIES).magnitude_deviation
     return kept | {"order.bic": select_order(data, (5, 6, 7)).bic}

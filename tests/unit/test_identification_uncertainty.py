@@ -124,8 +124,8 @@ def test_deviations_are_those_of_finite_differences(order: int) -> None:
     assert np.hypot(*uncertainty.pole_deviations().T) == pytest.approx(
         poles, rel=0.02
     )  # unknowns are counted here only
-    found = uncertainty.response(FREQUENCIES)
-    both = np.hypot(found.magnitude_deviation, found.magnitude * found.phase_deviation)
+    response = uncertainty.response(FREQUENCIES)
+    both = np.hypot(response.magnitude_deviation, response.magnitude * response.phase_deviation)
     assert both.ravel() == pytest.approx(responses, rel=0.02)
 
 
@@ -214,12 +214,12 @@ def test_means_that_are_no_equilibrium_do_not_pass_for_dynamics() -> None:
     inputs = inputs + 0.1 * random.normal(size=(4_000, 1))
     slow = lfilter([0.0, 0.001], [1.0, -0.999], inputs + 0.01 * random.normal(size=(4_000, 1)), axis=0)
     data = IdentificationData.from_arrays(inputs, slow + 1e-5 * random.normal(size=(4_000, 1)), 1e-4)
-    found = identify(data, 1, drift="none")
-    (residuals,) = predict(found.model, data).residuals
+    identification = identify(data, 1, drift="none")
+    (residuals,) = predict(identification.model, data).residuals
     assert abs(residuals.mean()) < 3.0 * residuals.std() / np.sqrt(4_000)
-    assert found.uncertainty is not None
-    (pole,) = found.model.poles()
-    assert abs(pole - 0.999) < 3.0 * found.uncertainty.pole_deviations()[0, 0] < 1e-4
+    assert identification.uncertainty is not None
+    (pole,) = identification.model.poles()
+    assert abs(pole - 0.999) < 3.0 * identification.uncertainty.pole_deviations()[0, 0] < 1e-4
 
 
 def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:
@@ -228,8 +228,8 @@ def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:
     slow = lfilter([1.0], [1.0, -0.97], random.normal(size=(6_000, 1)), axis=0)  # forces through the plant
     outputs = lfilter([0.0, 0.1], [1.0, -0.95], inputs + slow, axis=0) + 0.05 * random.normal(size=(6_000, 1))
     data = IdentificationData.from_arrays(inputs, outputs, 1e-4)
-    found = identify(data, 1, drift="none").uncertainty
-    assert found is not None
+    identification = identify(data, 1, drift="none").uncertainty
+    assert identification is not None
     frequency = np.geomspace(20.0, 2_000.0, 20)
     z = np.exp(2j * np.pi * frequency * 1e-4)
     true = np.abs(0.1 / (z - 0.95))
@@ -238,9 +238,9 @@ def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:
         low, high = uncertainty.response(frequency).magnitude_band(0.95) or (true, true)
         return float(np.mean((low[:, 0, 0] <= true) & (true <= high[:, 0, 0])))
 
-    assert held(replace(found, root=found.root[:, :-1], reference=None)) < 0.6
-    assert held(found) > 0.9
-    assert "bands are widened: a model of order 2 from the same data differs" in found.summary
+    assert held(replace(identification, root=identification.root[:, :-1], reference=None)) < 0.6
+    assert held(identification) > 0.9
+    assert "bands are widened: a model of order 2 from the same data differs" in identification.summary
 
 
 def test_the_summary_names_the_unstable_poles_and_other_data(
@@ -259,10 +259,10 @@ def test_repeated_experiments_scatter_as_predicted(colour: float) -> None:
     model, magnitudes, deviations = small_model(2), [], {False: [], True: []}
     for seed in range(30):
         data = simulated(model, 4_000, seed, colour)
-        found = pem(data.experiments[0].inputs, data.experiments[0].outputs, model)
-        magnitudes.append(response_of(found, FREQUENCIES).magnitude)
+        fit = pem(data.experiments[0].inputs, data.experiments[0].outputs, model)
+        magnitudes.append(response_of(fit, FREQUENCIES).magnitude)
         for robust, predicted in deviations.items():
-            predicted.append(estimate_uncertainty(found, data, robust=robust).response(FREQUENCIES).magnitude_deviation)
+            predicted.append(estimate_uncertainty(fit, data, robust=robust).response(FREQUENCIES).magnitude_deviation)
     ratios = {
         robust: np.sqrt(np.mean(np.square(predicted), axis=0)) / np.std(magnitudes, axis=0)
         for robust, predicted in deviations.items()

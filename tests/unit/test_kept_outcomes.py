@@ -67,6 +67,6 @@ def test_commissioning_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(commissioning, "ProcessPoolExecutor", Here)
     monkeypatch.setattr(commissioning, "commission", commission)
     for count in (5, 10, 12, 12):
-        found = commissioning.commissioning(4, 2, 4, file=tmp_path / "rigs.jsonl", most=5)["commissioning"]
-        assert (found["rigs"], found["right"], found["accused"], found["silent"]) == (count, count, 0, 0)
+        figures = commissioning.commissioning(4, 2, 4, file=tmp_path / "rigs.jsonl", most=5)["commissioning"]
+        assert (figures["rigs"], figures["right"], figures["accused"], figures["silent"]) == (count, count, 0, 0)
     assert sorted(done, key=str) == sorted(rigs(4, 2, 4), key=str)

@@ -39,9 +39,9 @@ def true(bearing) -> StateSpaceModel:
 def band_of(model: StateSpaceModel, record: LoopRecord, feedback: Feedback | None = None) -> ErrorBand:
     """The band of the error of a model, or of its product with the action of a loop."""
     action = None if feedback is None else feedback.action
-    found = error_band(model, [IdentificationData.from_record(record)], SETTINGS.mode_damping, action=action)
-    assert found is not None
-    return found
+    band = error_band(model, [IdentificationData.from_record(record)], SETTINGS.mode_damping, action=action)
+    assert band is not None
+    return band
 
 
 def known_of(model: StateSpaceModel, record: LoopRecord, settings: RobustnessSettings = SETTINGS) -> KnownBand:

@@ -49,8 +49,8 @@ def model_of(system: LinearSystem) -> StateSpaceModel:
 @pytest.mark.parametrize("fraction", [0.1, 0.5, 0.93])
 def test_a_late_model_is_the_plant_sampled_with_the_delay(fraction: float) -> None:
     plant = continuous_plant()
-    found = late_model(model_of(discretised(plant, 1e-4)), fraction).response(AT)
-    assert found == pytest.approx(discretised(plant, 1e-4, fraction * 1e-4).response(AT), rel=1e-9)
+    response = late_model(model_of(discretised(plant, 1e-4)), fraction).response(AT)
+    assert response == pytest.approx(discretised(plant, 1e-4, fraction * 1e-4).response(AT), rel=1e-9)
 
 
 def test_half_a_step_of_delay_is_not_taken_as_none(loop) -> None:

@@ -25,20 +25,20 @@ def swept(bearing: Any, law: ControllerParameters, noise: float, **changes: Any)
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_without_noise_a_sweep_gives_the_sensitivity_of_the_loop_at_every_frequency(bearing, law) -> None:
-    found = measured_sensitivity(swept(bearing, law, 0.0), law)
-    compared = found.frequency[found.comparable()]
+    measured = measured_sensitivity(swept(bearing, law, 0.0), law)
+    compared = measured.frequency[measured.comparable()]
     assert compared.min() < 2.0 * SWEEP.sweep_start
     assert compared.max() > 950.0
-    difference = np.abs(found.difference_db(feedback_of(bearing.model, law)))
+    difference = np.abs(measured.difference_db(feedback_of(bearing.model, law)))
     assert difference.max() < 0.1, "as exact as comparable values are said to be"
     assert np.median(difference) < 0.005
 
 
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_the_error_is_of_the_size_of_the_deviation(bearing, law) -> None:
-    found = measured_sensitivity(swept(bearing, law, 2e-8), law)
-    true = feedback_of(bearing.model, law).output_sensitivity.response(found.frequency)
-    error = np.abs(np.abs(found.own) - np.abs(np.diagonal(true, axis1=1, axis2=2))) / found.deviation
+    measured = measured_sensitivity(swept(bearing, law, 2e-8), law)
+    true = feedback_of(bearing.model, law).output_sensitivity.response(measured.frequency)
+    error = np.abs(np.abs(measured.own) - np.abs(np.diagonal(true, axis1=1, axis2=2))) / measured.deviation
     # Bands of neighbouring frequencies overlap, so there are far fewer independent errors than values.
     assert np.sqrt(np.mean(error**2)) == pytest.approx(1.0, abs=0.25)
 

@@ -55,10 +55,10 @@ def loop(request):
 @pytest.mark.parametrize("seen", [1e-9, 3e-8])
 def test_the_bounds_of_a_nearly_hidden_mode_meet(loop, seen: float) -> None:
     model, control = loop
-    found = uncertain_loop(feedback_of(with_mode(model, 1_258.0, seen), control), SMALL)
-    peak = mu_peak(found.system, found.blocks, np.geomspace(1.0, 4_999.0, 150))
+    uncertain = uncertain_loop(feedback_of(with_mode(model, 1_258.0, seen), control), SMALL)
+    peak = mu_peak(uncertain.system, uncertain.blocks, np.geomspace(1.0, 4_999.0, 150))
     assert peak.gap < 0.1
-    assert distance_from_circle(found.system, peak.perturbation, peak.lower_frequency) < 1e-6
+    assert distance_from_circle(uncertain.system, peak.perturbation, peak.lower_frequency) < 1e-6
 
 
 @pytest.mark.parametrize(("seen", "driven"), [(0.0, 0.1), (1.0, 0.0)])
@@ -68,8 +68,8 @@ def test_a_mode_outside_a_minimal_realisation_is_not_perturbed(loop, seen: float
     assert len(bending_modes(wider)) == len(bending_modes(model))
     peaks = []
     for one in (model, wider):
-        found = uncertain_loop(feedback_of(one, control), SMALL)
-        peaks.append(mu_peak(found.system, found.blocks, np.geomspace(1.0, 4_999.0, 60)).upper)
+        uncertain = uncertain_loop(feedback_of(one, control), SMALL)
+        peaks.append(mu_peak(uncertain.system, uncertain.blocks, np.geomspace(1.0, 4_999.0, 60)).upper)
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)
 
 

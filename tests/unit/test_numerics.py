@@ -29,10 +29,10 @@ def test_a_triangle_with_rows_added_is_the_factor_of_all_rows(blocks: tuple[int,
     triangle = np.zeros((0, columns))
     for part in parts:
         kept = triangle.copy(), part.copy()
-        found = with_rows(triangle, part)
+        factor = with_rows(triangle, part)
         np.testing.assert_array_equal(triangle, kept[0])  # neither is changed
         np.testing.assert_array_equal(part, kept[1])
-        triangle = found
+        triangle = factor
     right = np.linalg.qr(np.vstack(parts), mode="r")
     np.testing.assert_array_equal(triangle, np.triu(triangle))
     size = np.linalg.norm(right, axis=0)

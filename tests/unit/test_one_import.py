@@ -35,7 +35,7 @@ def loop(record: LoopRecord) -> RecordedLoop:
 
 
 @pytest.fixture(scope="module")
-def found(loop: RecordedLoop):
+def identification(loop: RecordedLoop):
     return amb.identify(loop, order=6)
 
 
@@ -53,25 +53,25 @@ def test_every_name_is_there_and_is_that_of_its_home() -> None:
         _ = amb.identfy
 
 
-def test_identify_takes_a_loop_with_its_controller(found) -> None:
-    assert found.controller == ControllerParameters()
-    assert found.stable
+def test_identify_takes_a_loop_with_its_controller(identification) -> None:
+    assert identification.controller == ControllerParameters()
+    assert identification.stable
 
 
-def test_validate_takes_what_identify_takes(found, record: LoopRecord, other: LoopRecord) -> None:
+def test_validate_takes_what_identify_takes(identification, record: LoopRecord, other: LoopRecord) -> None:
     """A record says nothing of its controller, a loop does; an identification has its search and uncertainty."""
     known = RecordedLoop(amb.IdentificationData.from_record(other), ControllerParameters())
-    with_loop, without = amb.validate(found, known), amb.validate(found.model, other)
-    assert with_loop.closed_loop is not None and with_loop.search is found.search
+    with_loop, without = amb.validate(identification, known), amb.validate(identification.model, other)
+    assert with_loop.closed_loop is not None and with_loop.search is identification.search
     assert without.closed_loop is None and without.search is None
-    given = amb.validate(found.model, known.data, known.controller)
+    given = amb.validate(identification.model, known.data, known.controller)
     assert given.fit == pytest.approx(with_loop.fit)
 
 
-def test_certify_takes_the_same(found, loop: RecordedLoop, other: LoopRecord) -> None:
+def test_certify_takes_the_same(identification, loop: RecordedLoop, other: LoopRecord) -> None:
     settings = RobustnessSettings(mode_gain=0.02)
-    plain = amb.certify(found.model, ControllerParameters(), loop.data, other, settings=settings)
-    whole = amb.certify(found, validation_data=other, settings=settings)
+    plain = amb.certify(identification.model, ControllerParameters(), loop.data, other, settings=settings)
+    whole = amb.certify(identification, validation_data=other, settings=settings)
     assert [check.passed for check in plain.checks] == [check.passed for check in whole.checks]
     assert plain.assessment.bounds is not None, "the uncertainty is computed from the data"
     card = plain._repr_html_()
@@ -80,18 +80,18 @@ def test_certify_takes_the_same(found, loop: RecordedLoop, other: LoopRecord) ->
     assert card.count("not passed: ") == len([check for check in plain.checks if not check.passed])
 
 
-def test_compare_has_the_best_model_first(found, loop: RecordedLoop, other: LoopRecord) -> None:
+def test_compare_has_the_best_model_first(identification, loop: RecordedLoop, other: LoopRecord) -> None:
     poor = amb.identify(loop, order=2, method="ssarx")
-    compared = amb.compare({"order 2": poor, "order 6": found}, other)
+    compared = amb.compare({"order 2": poor, "order 6": identification}, other)
     assert list(compared.validations) == ["order 6", "order 2"]
     assert "order 6" in repr(compared) and not compared.refused
 
 
 @pytest.mark.parametrize("wrong", [np.zeros((100, 2)), "recorded", None])
-def test_other_data_are_one_clear_error(found, wrong: object) -> None:
-    calls = [lambda: amb.identify(wrong), lambda: amb.validate(found, wrong)]
+def test_other_data_are_one_clear_error(identification, wrong: object) -> None:
+    calls = [lambda: amb.identify(wrong), lambda: amb.validate(identification, wrong)]
     if wrong is not None:  # certify has defaults
-        calls.append(lambda: amb.certify(found, None, wrong))
+        calls.append(lambda: amb.certify(identification, None, wrong))
     for call in calls:
         with pytest.raises(IdentificationError, match=r"^data: \w+.* is not allowed; allowed: .*from_arrays"):
             call()

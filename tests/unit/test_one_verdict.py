@@ -25,9 +25,9 @@ def amb(*words: object) -> tuple[int, str]:
 
 def verdict_in(text: str) -> str:
     """The first verdict that a text names."""
-    found = re.search("|".join(VERDICTS), " ".join(text.split()))
-    assert found, text
-    return found.group()
+    words = re.search("|".join(VERDICTS), " ".join(text.split()))
+    assert words, text
+    return words.group()
 
 
 @pytest.fixture(scope="module")
@@ -44,32 +44,32 @@ def test_all_agree(order: int, validated: bool, bag: Path, tmp_path: Path) -> No
     model, report = tmp_path / "model.json", tmp_path / "report.html"
     code, identified = amb("identify", bag, "--order", order, "--out", model)
     assert code == 0
-    found = {"identify": verdict_in(identified.split("verdict")[1])}
+    verdicts = {"identify": verdict_in(identified.split("verdict")[1])}
 
     code, _ = amb("validate", model, bag, "--out", tmp_path / "validation")
     assert code == (0 if validated else NOT_VALIDATED)
-    found["validate"] = json.loads((tmp_path / "validation" / "summary.json").read_text())["verdict"]
+    verdicts["validate"] = json.loads((tmp_path / "validation" / "summary.json").read_text())["verdict"]
 
     code, table = amb("compare", model, bag, "--out", tmp_path / "comparison")
     assert code == (0 if validated else NOT_VALIDATED)
     (compared,) = json.loads((tmp_path / "comparison" / "summary.json").read_text())["models"].values()
-    found["compare"], found["table of compare"] = compared["verdict"], verdict_in(table.split("verdict")[1])
+    verdicts["compare"], verdicts["table of compare"] = compared["verdict"], verdict_in(table.split("verdict")[1])
 
     assert amb("report", bag, "--order", order, "--no-certify", "--out", report)[0] == 0
-    found["report"] = verdict_in(report.read_text().split('class="outcome"')[1])
+    verdicts["report"] = verdict_in(report.read_text().split('class="outcome"')[1])
 
     code, stated = amb("certify", model, "--bag", bag, "--frequencies", 50, "--out", tmp_path / "certificate")
     certificate = json.loads((tmp_path / "certificate" / "certificate.json").read_text())
     check = next(one for one in certificate["checks"] if one["name"] == "the model is validated")
-    found["certify"] = verdict_in(check["finding"])
+    verdicts["certify"] = verdict_in(check["finding"])
     assert check["passed"] is validated
     assert (code == 0) is certificate["certified"]
     if not validated:
         assert code == NOT_CERTIFIED
         assert "Not certified: not validated" in " ".join(stated.split())
 
-    assert len(set(found.values())) == 1, found
-    assert (found["validate"] != "not validated") is validated
+    assert len(set(verdicts.values())) == 1, verdicts
+    assert (verdicts["validate"] != "not validated") is validated
 
 
 def test_a_fit_below_zero_is_no_percentage_beside_others() -> None:

@@ -32,19 +32,19 @@ GAINS = np.array([[1.0, 0.1], [0.5, 2.0], [0.001, 1.0]])
 def test_an_error_of_one_entry_is_found_where_it_is():
     wrong = GAINS.copy()
     wrong[0, 1] *= 1.04
-    found = response_error(model(wrong), system(GAINS))
-    assert found.largest == pytest.approx(0.04, rel=1e-9)
-    assert found.entries[0, 1] == pytest.approx(0.04, rel=1e-9)
-    assert found.entries[1, 0] == pytest.approx(0.0, abs=1e-12)
-    assert "from i_2 to a" in found.worst
+    error = response_error(model(wrong), system(GAINS))
+    assert error.largest == pytest.approx(0.04, rel=1e-9)
+    assert error.entries[0, 1] == pytest.approx(0.04, rel=1e-9)
+    assert error.entries[1, 0] == pytest.approx(0.0, abs=1e-12)
+    assert "from i_2 to a" in error.worst
 
 
 def test_entries_that_are_small_at_a_frequency_do_not_count_there():
     wrong = GAINS.copy()
     wrong[2, 0] *= 3.0  # 0.05 % of the largest entry
-    found = response_error(model(wrong), system(GAINS))
-    assert found.largest < 1e-12
-    assert np.isnan(found.entries[2, 0])
+    error = response_error(model(wrong), system(GAINS))
+    assert error.largest < 1e-12
+    assert np.isnan(error.entries[2, 0])
     assert response_error(model(wrong), system(GAINS), floor=0.0).largest == pytest.approx(2.0)
 
 
@@ -53,16 +53,16 @@ def test_the_floor_is_that_of_each_frequency():
     gains = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.05]])
     wrong = gains.copy()
     wrong[2, 1] *= 1.5
-    found = response_error(model(wrong), system(gains))
-    compared = np.isfinite(found.relative[:, 2, 1])
+    error = response_error(model(wrong), system(gains))
+    compared = np.isfinite(error.relative[:, 2, 1])
     assert compared[0]
     assert not compared[-1]
-    assert found.largest == pytest.approx(0.5)
+    assert error.largest == pytest.approx(0.5)
 
 
 def test_the_band_is_kept_and_one_beyond_the_nyquist_frequency_refused():
-    found = response_error(model(GAINS), system(GAINS), band=(20.0, 400.0), points=7)
-    np.testing.assert_allclose(found.frequency[[0, -1]], [20.0, 400.0])
+    error = response_error(model(GAINS), system(GAINS), band=(20.0, 400.0), points=7)
+    np.testing.assert_allclose(error.frequency[[0, -1]], [20.0, 400.0])
     with pytest.raises(IdentificationError, match="half the sample rate"):
         response_error(model(GAINS), system(GAINS), band=(5.0, 6_000.0))
 

@@ -45,20 +45,20 @@ def true_response(frequency: np.ndarray) -> np.ndarray:
     return GAIN * (1.0 - POLE) * delay / (1.0 - POLE * delay)
 
 
-def relative_errors(found: NonparametricEstimate) -> np.ndarray:
-    true = true_response(found.response.frequency)
-    return np.linalg.norm(found.response.response - true, 2, axis=(1, 2)) / np.linalg.norm(true, 2, axis=(1, 2))
+def relative_errors(estimate: NonparametricEstimate) -> np.ndarray:
+    true = true_response(estimate.response.frequency)
+    return np.linalg.norm(estimate.response.response - true, 2, axis=(1, 2)) / np.linalg.norm(true, 2, axis=(1, 2))
 
 
 @pytest.mark.parametrize("interleaved", [True, False])
 def test_three_periods_give_the_response_at_their_lines(interleaved: bool) -> None:
     """The excitation of the tutorial's validation: odd lines of both axes at once, one of four left out."""
-    found = estimate_response(experiment(multisine(3, odd=True, interleaved=interleaved), noise=1e-8))
-    lines = found.response.frequency * PERIOD * SAMPLE_TIME
-    assert found.response.label.startswith("average of 2 periods of 2 s")
+    estimate = estimate_response(experiment(multisine(3, odd=True, interleaved=interleaved), noise=1e-8))
+    lines = estimate.response.frequency * PERIOD * SAMPLE_TIME
+    assert estimate.response.label.startswith("average of 2 periods of 2 s")
     assert lines == pytest.approx(np.round(lines)) and np.all(np.round(lines) % 2 == 1)
     assert len(lines) > 200
-    assert relative_errors(found).max() < 0.01
+    assert relative_errors(estimate).max() < 0.01
 
 
 @pytest.mark.parametrize("interleaved", [True, False])
@@ -66,23 +66,23 @@ def test_errors_of_few_periods_are_those_that_the_noise_allows(interleaved: bool
     """|error|^2 / variance of thousands of values, against the quantiles of its F distribution."""
     ratios = []
     for seed in range(4):
-        found = estimate_response(experiment(multisine(3, seed, odd=True, interleaved=interleaved), 2e-6, seed))
-        error = found.response.response - true_response(found.response.frequency)
-        ratios.append(np.abs(error) ** 2 / found.variance)
+        estimate = estimate_response(experiment(multisine(3, seed, odd=True, interleaved=interleaved), 2e-6, seed))
+        error = estimate.response.response - true_response(estimate.response.frequency)
+        ratios.append(np.abs(error) ** 2 / estimate.variance)
     together = np.concatenate(ratios)
-    assert np.median(together) == pytest.approx(found.largest_error(0.5), rel=0.15)
-    assert np.mean(together < found.largest_error(0.99)) == pytest.approx(0.99, abs=0.01)
+    assert np.median(together) == pytest.approx(estimate.largest_error(0.5), rel=0.15)
+    assert np.mean(together < estimate.largest_error(0.99)) == pytest.approx(0.99, abs=0.01)
 
 
 def test_two_experiments_of_three_periods_need_no_neighbouring_lines() -> None:
     """Four settled periods of two signals determine each line by itself."""
     data = merge([experiment(multisine(3, seed), 2e-6, seed) for seed in (1, 2)])
-    found = estimate_response(data)
-    assert found.response.label == "average of 4 periods of 2 s"
-    error = found.response.response - true_response(found.response.frequency)
-    ratio = np.abs(error) ** 2 / found.variance
-    assert np.median(ratio) == pytest.approx(found.largest_error(0.5), rel=0.25)
-    assert np.mean(ratio < found.largest_error(0.99)) > 0.97
+    estimate = estimate_response(data)
+    assert estimate.response.label == "average of 4 periods of 2 s"
+    error = estimate.response.response - true_response(estimate.response.frequency)
+    ratio = np.abs(error) ** 2 / estimate.variance
+    assert np.median(ratio) == pytest.approx(estimate.largest_error(0.5), rel=0.25)
+    assert np.mean(ratio < estimate.largest_error(0.99)) > 0.97
 
 
 def test_a_few_periods_within_a_long_noise_do_not_make_it_periodic() -> None:
@@ -94,6 +94,6 @@ def test_a_few_periods_within_a_long_noise_do_not_make_it_periodic() -> None:
 
 def test_periods_after_a_rest_and_about_an_offset_are_found() -> None:
     moving = multisine(3, interleaved=True)
-    found = estimate_response(experiment(7e-4 + np.vstack([np.zeros((700, 2)), moving, np.zeros((900, 2))]), 1e-8))
-    assert found.response.label.startswith("average of 2 periods of 2 s")
-    assert relative_errors(found).max() < 0.01
+    estimate = estimate_response(experiment(7e-4 + np.vstack([np.zeros((700, 2)), moving, np.zeros((900, 2))]), 1e-8))
+    assert estimate.response.label.startswith("average of 2 periods of 2 s")
+    assert relative_errors(estimate).max() < 0.01

@@ -52,7 +52,7 @@ def loop():
 
 
 @pytest.fixture(scope="module")
-def found(loop):
+def assessment(loop):
     return assess(*loop, SETTINGS)
 
 
@@ -194,8 +194,8 @@ def test_mu_of_one_real_perturbation_of_an_imaginary_number_is_zero() -> None:
     assert upper_bound(np.array([[1j]]), np.array([False])) == 1.0
 
 
-def test_the_worst_case_is_a_real_system_that_puts_a_pole_on_the_unit_circle(found) -> None:
-    system, mu = found.uncertain.system, found.mu
+def test_the_worst_case_is_a_real_system_that_puts_a_pole_on_the_unit_circle(assessment) -> None:
+    system, mu = assessment.uncertain.system, assessment.mu
     assert mu.lower <= mu.upper
     assert np.abs(mu.perturbation).max() * mu.lower == pytest.approx(1.0)
     assert distance_from_circle(system, mu.perturbation, mu.lower_frequency) < 1e-6
@@ -203,9 +203,9 @@ def test_the_worst_case_is_a_real_system_that_puts_a_pole_on_the_unit_circle(fou
     assert np.abs(smaller[0]) < 1.0
 
 
-def test_without_perturbation_the_uncertain_loop_is_the_loop(found) -> None:
-    poles = replayed_poles(found.uncertain.system, np.zeros(len(found.uncertain.blocks), dtype=complex), 50.0)
-    assert np.abs(poles[0]) == pytest.approx(found.feedback.closed.radius)
+def test_without_perturbation_the_uncertain_loop_is_the_loop(assessment) -> None:
+    poles = replayed_poles(assessment.uncertain.system, np.zeros(len(assessment.uncertain.blocks), dtype=complex), 50.0)
+    assert np.abs(poles[0]) == pytest.approx(assessment.feedback.closed.radius)
 
 
 def test_a_perturbed_negative_stiffness_is_a_spring_at_the_magnets(loop) -> None:
@@ -232,9 +232,9 @@ def test_a_bending_mode_moves_by_the_change_that_is_asked() -> None:
     assert np.abs(moved - (mode.pole + step)).min() < 1e-10
 
 
-def test_mu_needs_a_perturbation_for_each_signal(found) -> None:
+def test_mu_needs_a_perturbation_for_each_signal(assessment) -> None:
     with pytest.raises(RobustnessError, match="as many inputs and outputs"):
-        mu_peak(found.uncertain.system, [Block("one")], np.array([1.0, 2.0]))
+        mu_peak(assessment.uncertain.system, [Block("one")], np.array([1.0, 2.0]))
 
 
 # -- zones
@@ -257,14 +257,14 @@ def bounded(loop):
 
 
 def test_the_worst_model_of_the_ellipsoid_has_the_peak_of_the_bound(loop, bounded) -> None:
-    found = assess(*loop, SETTINGS, bounded)
-    for nominal, bound in zip(found.axes, found.bounds.axes, strict=True):
+    assessment = assess(*loop, SETTINGS, bounded)
+    for nominal, bound in zip(assessment.axes, assessment.bounds.axes, strict=True):
         assert bound.sensitivity.value > nominal.sensitivity.value
         assert bound.sensitivity_of_all.value > bound.sensitivity.value
         assert bound.replayed == pytest.approx(bound.sensitivity.value, rel=2e-2)
         assert 1.0 / bound.disk.value < nominal.disk.guaranteed
-    assert 0.0 < found.bounds.gap.worst.value < 1.0
-    assert 0.0 < found.bounds.gap.margin < 1.0
+    assert 0.0 < assessment.bounds.gap.worst.value < 1.0
+    assert 0.0 < assessment.bounds.gap.margin < 1.0
 
 
 # -- the certificate

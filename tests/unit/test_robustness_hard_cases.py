@@ -67,9 +67,9 @@ def first_order(pole: float, gains: list[float], feedback: list[float], delay: i
     return Feedback(plant, LinearSystem(shift, b, np.diag(feedback) @ c, np.zeros((axes, axes)), STEP))
 
 
-def same_axes(found, expected) -> None:
+def same_axes(assessment, expected) -> None:
     """All numbers of each axis."""
-    for one, other in zip(found.axes, expected.axes, strict=True):
+    for one, other in zip(assessment.axes, expected.axes, strict=True):
         assert one.sensitivity.value == pytest.approx(other.sensitivity.value, rel=1e-6)
         assert one.complementary.value == pytest.approx(other.complementary.value, rel=1e-6)
         assert one.margins.gain_up.value == pytest.approx(other.margins.gain_up.value, rel=1e-6)
@@ -90,9 +90,9 @@ def test_states_of_very_different_size_change_nothing(loop, nominal) -> None:
         c=model.c / scale,
         k=model.k * scale[:, np.newaxis],
     )
-    found = assess(moved, control, SETTINGS)
-    same_axes(found, nominal)
-    assert found.mu.upper == pytest.approx(nominal.mu.upper, rel=1e-3)
+    assessment = assess(moved, control, SETTINGS)
+    same_axes(assessment, nominal)
+    assert assessment.mu.upper == pytest.approx(nominal.mu.upper, rel=1e-3)
 
 
 def test_axes_in_different_units_have_the_same_numbers(loop, nominal) -> None:
@@ -100,10 +100,10 @@ def test_axes_in_different_units_have_the_same_numbers(loop, nominal) -> None:
     feedback = feedback_of(*loop)
     unit = np.array([1.0, 1e6])
     plant, law = feedback.plant.scaled(unit, 1.0), feedback.controller.scaled(1.0, 1.0 / unit)
-    found = assess_loop(Feedback(plant, law, feedback.axes), SETTINGS)
-    same_axes(found, nominal)
-    assert found.mu.upper == pytest.approx(nominal.mu.upper, rel=1e-3)
-    assert found.disks[0].guaranteed == pytest.approx(nominal.disks[0].guaranteed, rel=1e-6)
+    assessment = assess_loop(Feedback(plant, law, feedback.axes), SETTINGS)
+    same_axes(assessment, nominal)
+    assert assessment.mu.upper == pytest.approx(nominal.mu.upper, rel=1e-3)
+    assert assessment.disks[0].guaranteed == pytest.approx(nominal.disks[0].guaranteed, rel=1e-6)
 
 
 def test_a_peak_agrees_with_the_response_whatever_the_states(loop) -> None:
@@ -149,8 +149,8 @@ def test_a_pole_too_close_to_the_unit_circle_is_not_taken_as_stable() -> None:
 def test_a_pole_close_to_the_unit_circle_keeps_its_exact_peak() -> None:
     """S = (z - 1 + e)/(z - 1 + e + g k) is largest at half the sample rate: (2 - e)/(2 - e - g k)."""
     e, g = 1e-8, 1e-9
-    found = assess_loop(first_order(1.0 - e, [g], [0.2]), SETTINGS)
-    assert found.axes[0].sensitivity.value - 1.0 == pytest.approx(0.2 * g / (2.0 - e - 0.2 * g), rel=1e-6)
+    assessment = assess_loop(first_order(1.0 - e, [g], [0.2]), SETTINGS)
+    assert assessment.axes[0].sensitivity.value - 1.0 == pytest.approx(0.2 * g / (2.0 - e - 0.2 * g), rel=1e-6)
 
 
 def test_a_plant_that_no_constant_current_holds_is_refused() -> None:
@@ -165,20 +165,20 @@ def test_a_controller_with_an_integrator_is_assessed(loop, nominal) -> None:
     n = law.order
     a = np.block([[law.a, np.zeros((n, 2))], [slow * law.c, np.eye(2)]])
     with_integral = LinearSystem(a, np.vstack([law.b, slow * law.d]), np.hstack([law.c, np.eye(2)]), law.d, STEP)
-    found = assess_loop(Feedback(feedback.plant, with_integral, feedback.axes), SETTINGS)
-    static = found.feedback.output_sensitivity.response(np.array([0.0]))[0]
+    assessment = assess_loop(Feedback(feedback.plant, with_integral, feedback.axes), SETTINGS)
+    static = assessment.feedback.output_sensitivity.response(np.array([0.0]))[0]
     assert np.abs(static).max() < 1e-9
-    for one, other in zip(found.axes, nominal.axes, strict=True):
+    for one, other in zip(assessment.axes, nominal.axes, strict=True):
         assert one.sensitivity.value == pytest.approx(other.sensitivity.value, rel=1e-2)
 
 
 @pytest.mark.parametrize("delay", [1, 40])
 def test_a_delay_of_many_samples_has_the_margins_of_its_loop(delay: int) -> None:
-    found = assess_loop(first_order(0.99, [0.01], [2.0], delay), SETTINGS)
-    s = found.feedback.output_sensitivity
+    assessment = assess_loop(first_order(0.99, [0.01], [2.0], delay), SETTINGS)
+    s = assessment.feedback.output_sensitivity
     fine = np.abs(s.response(np.linspace(0.0, 0.5 / STEP, 50_001)))[:, 0, 0].max()
-    assert found.axes[0].sensitivity.value == pytest.approx(fine, rel=1e-5)
-    steps = found.axes[0].margins.delay.value / STEP
+    assert assessment.axes[0].sensitivity.value == pytest.approx(fine, rel=1e-5)
+    steps = assessment.axes[0].margins.delay.value / STEP
     if math.isfinite(steps):
         assert first_order(0.99, [0.01], [2.0], delay + math.floor(steps)).stable
         assert not first_order(0.99, [0.01], [2.0], delay + math.ceil(steps)).stable
@@ -239,11 +239,11 @@ def test_real_perturbations_alone_are_bounded_at_rest_too() -> None:
 
 
 def test_without_covariance_the_bounds_are_the_numbers_of_the_model(loop, nominal, uncertainty) -> None:
-    found = assess(*loop, SETTINGS, replace(uncertainty, root=np.zeros_like(uncertainty.root)))
-    for bound, axis in zip(found.bounds.axes, nominal.axes, strict=True):
+    assessment = assess(*loop, SETTINGS, replace(uncertainty, root=np.zeros_like(uncertainty.root)))
+    for bound, axis in zip(assessment.bounds.axes, nominal.axes, strict=True):
         assert bound.sensitivity.value == pytest.approx(axis.sensitivity.value, rel=1e-6)
         assert bound.replayed == pytest.approx(axis.sensitivity.value, rel=1e-6)
-    assert found.bounds.gap.worst.value == pytest.approx(0.0, abs=1e-12)
+    assert assessment.bounds.gap.worst.value == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_singular_covariance_gives_bounds_between_the_model_and_the_whole(loop, nominal, uncertainty) -> None:
@@ -268,11 +268,11 @@ def test_a_covariance_that_holds_unstable_loops_has_no_bound_and_no_certificate(
 def test_a_bound_that_is_not_the_peak_of_a_model_is_shown(loop, uncertainty) -> None:
     certificate = certify(*loop, settings=SETTINGS, uncertainty=uncertainty)
     assert not any("not linear" in warning for warning in certificate.warnings)
-    found = certificate.assessment
-    first = replace(found.bounds.axes[0], replayed=0.5 * found.bounds.axes[0].sensitivity.value)
+    assessment = certificate.assessment
+    first = replace(assessment.bounds.axes[0], replayed=0.5 * assessment.bounds.axes[0].sensitivity.value)
     assert (
         "axis x: the models of the ellipsoid reach"
-        in _not_linear(replace(found, bounds=replace(found.bounds, axes=(first,))))[0]
+        in _not_linear(replace(assessment, bounds=replace(assessment.bounds, axes=(first,))))[0]
     )
 
 

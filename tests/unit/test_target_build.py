@@ -105,11 +105,11 @@ def test_a_rotor_levitates_over_udp(port: int) -> None:
         link.connect(("127.0.0.1", port))
         link.settimeout(5.0)
         link.send(hello())
-        found = decode(link.recv(2000))
-        assert isinstance(found, Description)
-        assert machine_of([found]).axis_names == ("x", "y")
-        session = found.session(KEY)
-        writer = CommandWriter(session, found.counter)
+        decoded = decode(link.recv(2000))
+        assert isinstance(decoded, Description)
+        assert machine_of([decoded]).axis_names == ("x", "y")
+        session = decoded.session(KEY)
+        writer = CommandWriter(session, decoded.counter)
 
         def answer(command) -> Reply:
             link.send(writer.write(command))

@@ -33,10 +33,10 @@ def test_it_starts_at_the_armed_step_and_is_bit_for_bit_the_uploaded_one() -> No
     rig.command(commands.stream(1, 1))
     now = rig.status().step
     assert rig.command(commands.arm(5, now + 37)).code == Code.DONE
-    found = played(rig, 1100)
-    assert found[37:1037].tobytes() == expected.tobytes()
-    assert not found[:37].any()
-    assert not found[1037:].any()
+    currents = played(rig, 1100)
+    assert currents[37:1037].tobytes() == expected.tobytes()
+    assert not currents[:37].any()
+    assert not currents[1037:].any()
 
 
 def test_chunks_arrive_in_any_order_with_losses_and_repetitions() -> None:

@@ -69,12 +69,12 @@ def test_frames_are_as_the_document_lays_them_out(item: Exchanged) -> None:
 
 
 def test_the_description_becomes_the_machine() -> None:
-    found = answer_to("hello")
-    assert isinstance(found, Description)
-    described, expected = machine_of([found]), machine()
+    answer = answer_to("hello")
+    assert isinstance(answer, Description)
+    described, expected = machine_of([answer]), machine()
     assert described == expected
-    assert found.limits == Limits()
-    assert (found.coils, found.with_key, found.firmware_version) == (4, True, (1, 0, 0))
+    assert answer.limits == Limits()
+    assert (answer.coils, answer.with_key, answer.firmware_version) == (4, True, (1, 0, 0))
 
 
 def test_a_machine_of_sixteen_axes_is_described_on_two_pages() -> None:
@@ -132,15 +132,15 @@ def test_a_status_names_the_trips_with_their_steps() -> None:
     ],
 )
 def test_each_refused_datagram_has_its_reason(change, reason) -> None:
-    found = decode(change(named("float64: answer").frame), SESSION)
-    assert isinstance(found, Refusal)
-    assert reason in found.reason
+    refusal = decode(change(named("float64: answer").frame), SESSION)
+    assert isinstance(refusal, Refusal)
+    assert reason in refusal.reason
 
 
 def test_a_reply_with_a_wrong_tag_is_refused() -> None:
     frame = named("heartbeat: answer").frame
-    found = decode(resummed(frame[:40] + bytes([frame[40] ^ 1]) + frame[41:]), SESSION)
-    assert found == Refusal("REPLY with a wrong tag")
+    refusal = decode(resummed(frame[:40] + bytes([frame[40] ^ 1]) + frame[41:]), SESSION)
+    assert refusal == Refusal("REPLY with a wrong tag")
     assert isinstance(decode(frame, SESSION), Reply)
 
 

@@ -30,8 +30,8 @@ def test_gaps_are_those_of_the_link_to_the_sample(seed: int) -> None:
     for _, item in sorted(arriving + doubled, key=lambda entry: entry[0]):
         passed += order.add(item)
     passed += order.flush()
-    found = steps(passed)
-    assert found == [
+    steps_seen = steps(passed)
+    assert steps_seen == [
         step for number in range(2000) if number not in lost for step in range(20 * number, 20 * number + 20)
     ]
     count = order.count
@@ -49,8 +49,8 @@ def test_a_block_after_its_wait_is_late_and_not_passed_on() -> None:
 
 def test_of_a_block_that_overlaps_the_rest_is_passed_on() -> None:
     order = InOrder()
-    found = steps(order.add(block(0))) + steps(order.add(block(10)))
-    assert found == list(range(30))
+    steps_seen = steps(order.add(block(0))) + steps(order.add(block(10)))
+    assert steps_seen == list(range(30))
     assert order.count.doubled == 10
 
 

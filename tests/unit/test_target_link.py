@@ -182,11 +182,11 @@ def test_gaps_are_those_that_the_network_made_to_the_sample(
     end = served.do(lambda emulator: emulator.steps)
     listener.wait_for_step(end + 1_000)
     injected = served.do(lambda emulator: emulator.to_host.count)
-    found = link.count.samples
-    assert found.late == 0
-    assert (found.lost, list(found.gaps)) == (injected.samples, [(gap.first, gap.stop) for gap in injected.gaps])
-    assert found.doubled > 0
-    assert found.reordered > 0
+    gaps = link.count.samples
+    assert gaps.late == 0
+    assert (gaps.lost, list(gaps.gaps)) == (injected.samples, [(gap.first, gap.stop) for gap in injected.gaps])
+    assert gaps.doubled > 0
+    assert gaps.reordered > 0
     steps = np.concatenate([np.arange(block.first_step, block.first_step + block.steps) for block in listener.blocks])
     assert (np.diff(steps) > 0).all()  # each once, in order
 

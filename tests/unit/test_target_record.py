@@ -216,8 +216,8 @@ def test_a_repeated_reply_has_no_rows() -> None:
     trip(rig)
     frame = rig.writer.write(commands.record(0))
     first, again = rig.send(frame), rig.send(frame)
-    found = [reply.record for reply in (*first, *again) if isinstance(reply, Reply)]
-    assert [part is None for part in found] == [False, True]
+    records = [reply.record for reply in (*first, *again) if isinstance(reply, Reply)]
+    assert [part is None for part in records] == [False, True]
 
 
 @pytest.mark.parametrize("body", [(0, 2), (1, 1), (4, 0), (0xFFFFFFFF, 0), (0xFFFFFFFF, 0xFFFFFFFF)])

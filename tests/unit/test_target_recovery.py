@@ -22,8 +22,8 @@ from tests.unit.test_target_link import KEY, TIMEOUT, Listener, levitated
 
 
 def test_a_host_under_attack_commands_again_within_a_second() -> None:
-    found = recovery(rounds=1)["recovery"]
-    assert (found["attacks"], found["recovered"]) == (18, 18), found
+    figures = recovery(rounds=1)["recovery"]
+    assert (figures["attacks"], figures["recovered"]) == (18, 18), figures
 
 
 class Strange:

@@ -60,9 +60,9 @@ def test_a_new_nominal_reference_is_reached_no_faster_than_its_slew() -> None:
     rig = levitated()
     rig.command(commands.stream(1, 1))
     assert code(rig, commands.nominal_reference((80e-6, 40e-6))) == Code.DONE
-    found = references(rig, 100)
-    assert np.abs(np.diff(found, axis=0)).max() <= SLEW / RATE * (1.0 + 1e-9)
-    assert found[-1].tolist() == [80e-6, 40e-6]
+    references_seen = references(rig, 100)
+    assert np.abs(np.diff(references_seen, axis=0)).max() <= SLEW / RATE * (1.0 + 1e-9)
+    assert references_seen[-1].tolist() == [80e-6, 40e-6]
 
 
 def test_another_one_on_the_way_begins_where_the_reference_is() -> None:
@@ -71,9 +71,9 @@ def test_another_one_on_the_way_begins_where_the_reference_is() -> None:
     rig.command(commands.nominal_reference((80e-6, 0.0)))
     first = references(rig, 30)
     rig.command(commands.nominal_reference((-80e-6, 0.0)))
-    found = np.vstack([first, references(rig, 150)])
-    assert np.abs(np.diff(found, axis=0)).max() <= SLEW / RATE * (1.0 + 1e-9)
-    assert found[-1].tolist() == [-80e-6, 0.0]
+    signal = np.vstack([first, references(rig, 150)])
+    assert np.abs(np.diff(signal, axis=0)).max() <= SLEW / RATE * (1.0 + 1e-9)
+    assert signal[-1].tolist() == [-80e-6, 0.0]
 
 
 @pytest.mark.parametrize(
@@ -99,13 +99,13 @@ def test_gains_change_little_by_little() -> None:
     rig = levitated(Limits(settle_time=0.01))
     rig.step((10e-6, 0.0))
     rig.command(commands.gains(ControllerParameters(proportional_gain=40_000.0), 2))
-    found = []
+    gains = []
     for number in range(120):
         rig.step((10e-6 + 1e-15 * (number % 2), 0.0))
-        found.append(-rig.target.current[0] / 10e-6)
-    assert np.abs(np.diff(found)).max() < 1.1 * 20_000.0 / 100
-    assert found[0] < 20_300.0
-    assert found[-1] == pytest.approx(40_000.0)
+        gains.append(-rig.target.current[0] / 10e-6)
+    assert np.abs(np.diff(gains)).max() < 1.1 * 20_000.0 / 100
+    assert gains[0] < 20_300.0
+    assert gains[-1] == pytest.approx(40_000.0)
 
 
 @pytest.mark.parametrize(
@@ -191,8 +191,8 @@ def test_a_fade_ends_within_a_minute_however_low_the_slew() -> None:
     assert code(rig, commands.limits(slow)) == Code.DONE
     rig.command(commands.disarm())
     rig.command(commands.stream(1, 1))
-    found = references(rig, 600)
-    assert np.abs(np.diff(found, axis=0)).max() <= 1e-3 / RATE * (1.0 + 1e-9)
+    references_seen = references(rig, 600)
+    assert np.abs(np.diff(references_seen, axis=0)).max() <= 1e-3 / RATE * (1.0 + 1e-9)
     assert rig.status().excitation is ExcitationPhase.NONE
 
 
@@ -203,9 +203,9 @@ def test_a_slew_limit_that_is_lowered_meanwhile_stops_the_excitation_without_a_j
     assert armed(rig, wave) == Code.DONE
     references(rig, 100)
     assert code(rig, commands.limits(Limits(**{**vars(SETTLED), "excitation_slew": 5e-3}))) == Code.DONE
-    found = references(rig, 200)
+    references_seen = references(rig, 200)
     assert reasons(rig) == [TripReason.EXCITATION]
-    assert np.abs(np.diff(found, axis=0)).max() <= 5e-3 / RATE * (1.0 + 1e-9)
+    assert np.abs(np.diff(references_seen, axis=0)).max() <= 5e-3 / RATE * (1.0 + 1e-9)
 
 
 # -- protection on the ramps

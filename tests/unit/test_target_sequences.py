@@ -15,12 +15,12 @@ SEQUENCES = 2_000
 
 
 def test_no_sequence_makes_the_reference_jump_or_breaks_a_limit(tmp_path: Path) -> None:
-    found = run(build(tmp_path), 2 * SEQUENCES)
-    assert (found["sequences"], found["jumps"], found["limits_broken"]) == (2 * SEQUENCES, 0, 0)
-    assert min(found["accepted"], found["refused"], found["excited"], found["offs"]) > 500
-    assert found["levitated"] > 0.5 * found["steps"]
+    counts = run(build(tmp_path), 2 * SEQUENCES)
+    assert (counts["sequences"], counts["jumps"], counts["limits_broken"]) == (2 * SEQUENCES, 0, 0)
+    assert min(counts["accepted"], counts["refused"], counts["excited"], counts["offs"]) > 500
+    assert counts["levitated"] > 0.5 * counts["steps"]
     common = set(TripReason) - {TripReason.LAW}
-    assert min(found["reasons"][reason] for reason in common) > 0
+    assert min(counts["reasons"][reason] for reason in common) > 0
 
 
 @pytest.mark.parametrize(

@@ -51,24 +51,24 @@ pytestmark = pytest.mark.timeout(1200)  # a minute of processor time; a loaded m
 
 
 @pytest.fixture(scope="module")
-def found() -> list[dict[str, Any]]:
+def parts() -> list[dict[str, Any]]:
     return search_all()
 
 
-def test_no_reachable_state_breaks_a_rule(found: list[dict[str, Any]]) -> None:
-    assert [part["wrong"] for part in found] == [0] * len(found)
+def test_no_reachable_state_breaks_a_rule(parts: list[dict[str, Any]]) -> None:
+    assert [part["wrong"] for part in parts] == [0] * len(parts)
 
 
-def test_the_search_ends_in_every_part(found: list[dict[str, Any]]) -> None:
-    assert all(part["ended"] and min(part["by_state"]) > 0 for part in found)
+def test_the_search_ends_in_every_part(parts: list[dict[str, Any]]) -> None:
+    assert all(part["ended"] and min(part["by_state"]) > 0 for part in parts)
 
 
-def test_the_host_levitates_the_rotor_again_from_every_state(found: list[dict[str, Any]]) -> None:
-    assert total("recovered", found) == total("states", found) > 100_000
+def test_the_host_levitates_the_rotor_again_from_every_state(parts: list[dict[str, Any]]) -> None:
+    assert total("recovered", parts) == total("states", parts) > 100_000
 
 
-def test_the_state_machine_of_the_documentation_is_that_of_the_code(found: list[dict[str, Any]]) -> None:
-    assert found == recorded(), "the target has changed; run: python -m tests.safety_case.states"
+def test_the_state_machine_of_the_documentation_is_that_of_the_code(parts: list[dict[str, Any]]) -> None:
+    assert parts == recorded(), "the target has changed; run: python -m tests.safety_case.states"
 
 
 def test_only_levitate_powers_and_only_a_reset_leaves_a_trip() -> None:

@@ -85,11 +85,11 @@ def reader(request: pytest.FixtureRequest):
 
 @pytest.mark.parametrize(("frame", "expected"), PUBLISHED)
 def test_the_bytes_are_those_of_published_examples(frame: bytes, expected: str | None) -> None:
-    found = to_stream(frame)
+    coded = to_stream(frame)
     if expected is not None:
-        assert found.hex() == expected + "00"
-    assert (found.count(0), found[-1]) == (1, 0)
-    assert from_stream(found[:-1]) == frame
+        assert coded.hex() == expected + "00"
+    assert (coded.count(0), coded[-1]) == (1, 0)
+    assert from_stream(coded[:-1]) == frame
 
 
 @pytest.mark.parametrize("frame", [*FRAMES, *(example for example, _ in PUBLISHED)], ids=len)
@@ -137,9 +137,9 @@ def test_lost_and_garbled_bytes_cost_the_frames_that_they_touch(
         byte = bytes([int(rng.integers(256))])
         changed = {"lost": b"", "changed": byte, "inserted": byte + coded[at][place : place + 1]}[fault]
         coded[at] = coded[at][:place] + changed + coded[at][place + 1 :]
-        found = reader.take(b"".join(coded))
-        assert found[:at] == sent[:at]
-        assert found[-(4 - at) :] == sent[at + 2 :]
+        table = reader.take(b"".join(coded))
+        assert table[:at] == sent[:at]
+        assert table[-(4 - at) :] == sent[at + 2 :]
 
 
 def test_both_sides_find_the_same_frames_in_any_bytes() -> None:
@@ -149,9 +149,9 @@ def test_both_sides_find_the_same_frames_in_any_bytes() -> None:
         for _ in range(int(rng.integers(8))):
             place = int(rng.integers(len(stream)))
             stream[place : place + int(rng.integers(4))] = rng.bytes(int(rng.integers(4)))
-        found = host.take(bytes(stream))
-        assert found == target.take(bytes(stream))
-        cut += found.count(b"")
+        frames = host.take(bytes(stream))
+        assert frames == target.take(bytes(stream))
+        cut += frames.count(b"")
     assert cut > 100
 
 

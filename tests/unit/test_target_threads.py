@@ -45,8 +45,8 @@ def test_the_background_keeps_the_interrupt_out_for_a_bounded_number_of_instruct
     ended = subprocess.run([build(tmp_path, "target_sections")], capture_output=True, text=True, timeout=240)
     if ended.returncode == 3:
         pytest.skip("the system does not let a process trace its child")
-    found = json.loads(ended.stdout)
-    assert found.pop("ended") == 0, ended.stderr
-    seen = {FrameType(int(kind)) for kind in found}
+    result = json.loads(ended.stdout)
+    assert result.pop("ended") == 0, ended.stderr
+    seen = {FrameType(int(kind)) for kind in result}
     assert {FrameType.COMMIT, FrameType.DATA, FrameType.PARAMETERS, FrameType.LEVITATE, FrameType.RECORD} <= seen
-    assert max(found.values()) <= LONGEST, found
+    assert max(result.values()) <= LONGEST, result

@@ -28,9 +28,9 @@ def data(bearing) -> IdentificationData:
     return IdentificationData.from_record(bearing.experiment(NOISE, force=FORCE))
 
 
-def relative_error(found: NonparametricEstimate, model: StateSpaceModel) -> np.ndarray:
-    true = response_of(model, found.response.frequency).response
-    return np.linalg.norm(found.response.response - true, 2, axis=(1, 2)) / np.linalg.norm(true, 2, axis=(1, 2))
+def relative_error(estimate: NonparametricEstimate, model: StateSpaceModel) -> np.ndarray:
+    true = response_of(model, estimate.response.frequency).response
+    return np.linalg.norm(estimate.response.response - true, 2, axis=(1, 2)) / np.linalg.norm(true, 2, axis=(1, 2))
 
 
 def noise_experiment(reference: np.ndarray, seed: int = 0, noise: float = 0.1) -> IdentificationData:
@@ -52,18 +52,18 @@ def true_response(frequency: np.ndarray) -> np.ndarray:
 
 def test_squares_are_averaged_over_their_settled_periods(data: IdentificationData, bearing) -> None:
     """Of 5 periods on each axis the first settles; even multiples of 5 Hz have no power."""
-    found = estimate_response(data)
-    assert found.response.label == "average of 8 periods of 0.2 s"
-    assert found.response.frequency[:3] == pytest.approx([5.0, 15.0, 25.0])
-    low = found.response.frequency < 100.0
-    assert relative_error(found, bearing.model)[low].max() < 0.01
+    estimate = estimate_response(data)
+    assert estimate.response.label == "average of 8 periods of 0.2 s"
+    assert estimate.response.frequency[:3] == pytest.approx([5.0, 15.0, 25.0])
+    low = estimate.response.frequency < 100.0
+    assert relative_error(estimate, bearing.model)[low].max() < 0.01
 
 
 def test_without_noise_averages_of_periods_are_free_of_leakage(bearing) -> None:
     quiet = IdentificationData.from_record(bearing.experiment(0.0))
-    found = estimate_response(quiet)
-    assert found.response.frequency[-1] > 4_900.0
-    assert relative_error(found, bearing.model)[found.response.frequency < 1_000.0].max() < 1e-4
+    estimate = estimate_response(quiet)
+    assert estimate.response.frequency[-1] > 4_900.0
+    assert relative_error(estimate, bearing.model)[estimate.response.frequency < 1_000.0].max() < 1e-4
 
 
 def test_deviations_are_those_of_the_errors() -> None:
@@ -74,22 +74,22 @@ def test_deviations_are_those_of_the_errors() -> None:
         for seed in range(2):
             length = 400 if periodic else 4_000
             axes = [np.tile(random.normal(size=(length, 2)), (12 if periodic else 1, 1)) for _ in range(2)]
-            found = estimate_response(
+            estimate = estimate_response(
                 merge([noise_experiment(reference, seed + 10 * axis) for axis, reference in enumerate(axes)])
             )
-            error = found.response.response - true_response(found.response.frequency)
-            ratios.append(np.abs(error) ** 2 / found.variance)
+            error = estimate.response.response - true_response(estimate.response.frequency)
+            ratios.append(np.abs(error) ** 2 / estimate.variance)
         assert np.concatenate(ratios).mean() == pytest.approx(1.0, abs=0.2)
-        assert np.mean(np.concatenate(ratios) < found.largest_error(0.99)) == pytest.approx(0.99, abs=0.01)
+        assert np.mean(np.concatenate(ratios) < estimate.largest_error(0.99)) == pytest.approx(0.99, abs=0.01)
 
 
 def test_one_periodic_signal_on_both_axes_at_once_needs_neighbouring_frequencies() -> None:
     """Its lines give one equation for two columns; random phases from line to line give the second."""
     random = np.random.default_rng(1)
-    found = estimate_response(noise_experiment(random.normal(size=(8_000, 2))))
-    assert found.response.label.startswith("smoothed over")
-    error = np.linalg.norm(found.response.response - true_response(found.response.frequency), 2, axis=(1, 2))
-    assert np.median(error / np.linalg.norm(true_response(found.response.frequency), 2, axis=(1, 2))) < 0.1
+    estimate = estimate_response(noise_experiment(random.normal(size=(8_000, 2))))
+    assert estimate.response.label.startswith("smoothed over")
+    error = np.linalg.norm(estimate.response.response - true_response(estimate.response.frequency), 2, axis=(1, 2))
+    assert np.median(error / np.linalg.norm(true_response(estimate.response.frequency), 2, axis=(1, 2))) < 0.1
 
 
 @pytest.mark.parametrize("both", [[1.0, 1.0], [1.0, 0.0]])
@@ -102,8 +102,8 @@ def test_dependent_references_determine_nothing(both: list[float]) -> None:
 def test_two_experiments_tell_apart_what_one_cannot() -> None:
     same = np.random.default_rng(1).normal(size=(8_000, 1))
     data = merge([noise_experiment(same * [1.0, 1.0], 1), noise_experiment(same * [1.0, -1.0], 2)])
-    found = estimate_response(data)
-    assert np.median(np.abs(found.response.response - true_response(found.response.frequency))) < 0.05
+    estimate = estimate_response(data)
+    assert np.median(np.abs(estimate.response.response - true_response(estimate.response.frequency))) < 0.05
 
 
 def test_where_the_reference_has_no_power_nothing_is_claimed() -> None:
@@ -111,10 +111,10 @@ def test_where_the_reference_has_no_power_nothing_is_claimed() -> None:
     slow = np.random.default_rng(1).normal(size=(8_000, 2))
     for _ in range(4):
         slow = lfilter([0.1], [1.0, -0.9], slow, axis=0)
-    found = estimate_response(noise_experiment(20.0 * slow, noise=0.5))
-    assert found.response.frequency[-1] < 150.0
-    assert any("coherence is too low" in note for note in found.notes)
-    assert np.all(found.response.coherence > 0.3)
+    estimate = estimate_response(noise_experiment(20.0 * slow, noise=0.5))
+    assert estimate.response.frequency[-1] < 150.0
+    assert any("coherence is too low" in note for note in estimate.notes)
+    assert np.all(estimate.response.coherence > 0.3)
 
 
 @pytest.mark.parametrize(
@@ -142,18 +142,18 @@ def test_a_wrong_model_differs_where_it_is_wrong(data: IdentificationData, beari
 
 def test_the_linearised_plant_is_compared_where_it_is_known(data: IdentificationData, bearing) -> None:
     plant, controller = PlantParameters(), ControllerParameters()
-    found, notes = compare_responses(bearing.model, data, controller, plant=plant)
+    comparison, notes = compare_responses(bearing.model, data, controller, plant=plant)
     discrete = linearize(Plant(plant), controller).discrete
-    assert found.plant is not None and not any("plant" in note for note in notes)
-    assert found.plant.response[100] == pytest.approx(discrete.response(found.plant.frequency[100:101])[0])
-    assert all(np.isfinite(band.plant_difference) for band in found.bands)
-    assert len(found.responses) == 3
+    assert comparison.plant is not None and not any("plant" in note for note in notes)
+    assert comparison.plant.response[100] == pytest.approx(discrete.response(comparison.plant.frequency[100:101])[0])
+    assert all(np.isfinite(band.plant_difference) for band in comparison.bands)
+    assert len(comparison.responses) == 3
 
 
 def test_a_plant_of_another_rate_is_left_out_and_said_so(data: IdentificationData, bearing) -> None:
     controller = ControllerParameters(sample_rate=20_000.0)
-    found, notes = compare_responses(bearing.model, data, controller, plant=PlantParameters())
-    assert found.plant is None and any("the two rates must be equal" in note for note in notes)
+    comparison, notes = compare_responses(bearing.model, data, controller, plant=PlantParameters())
+    assert comparison.plant is None and any("the two rates must be equal" in note for note in notes)
 
 
 @pytest.mark.slow

@@ -24,8 +24,8 @@ from tests.benchmarks.verdicts.bearings import Bearing, draw_data
 UNBALANCE = 0.0117316  # cycles per sample, between two lines of every record below
 
 
-def condition(found: Validation, key: str) -> Condition:
-    return next(one for one in found.conditions if one.key == key)
+def condition(validation: Validation, key: str) -> Condition:
+    return next(one for one in validation.conditions if one.key == key)
 
 
 def noise_of(model: StateSpaceModel, data: IdentificationData) -> np.ndarray:
@@ -44,9 +44,9 @@ def tone(amplitude: float, steps: int = 10_000, frequency: float = UNBALANCE) ->
 
 @pytest.mark.parametrize("amplitude", [1.0, 30.0, 1e3])
 def test_a_tone_between_two_lines_is_found_and_subtracted(amplitude: float) -> None:
-    found = find_tones(noise() + tone(amplitude) + tone(0.4 * amplitude, frequency=2.0 * UNBALANCE))
-    assert found.frequencies == pytest.approx((UNBALANCE, 2.0 * UNBALANCE), abs=2e-6)
-    assert found.rest.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.03)
+    tones = find_tones(noise() + tone(amplitude) + tone(0.4 * amplitude, frequency=2.0 * UNBALANCE))
+    assert tones.frequencies == pytest.approx((UNBALANCE, 2.0 * UNBALANCE), abs=2e-6)
+    assert tones.rest.std(axis=0) == pytest.approx([1.0, 1.0], abs=0.03)
 
 
 def test_noise_and_a_mode_that_noise_drives_have_no_tones() -> None:
@@ -66,8 +66,8 @@ def test_a_line_of_the_reference_is_no_disturbance() -> None:
 def test_an_unbalance_is_no_missing_mode(amplitude: float) -> None:
     """At a line of the record it was none; between two lines a rectangular window spreads it over hundreds."""
     errors = noise() + tone(amplitude)
-    found = find_ringing([errors], [noise(seed=3) + tone(amplitude)], [errors], 1e-4)
-    assert found is not None and found.p_value > 1e-3
+    ringing = find_ringing([errors], [noise(seed=3) + tone(amplitude)], [errors], 1e-4)
+    assert ringing is not None and ringing.p_value > 1e-3
 
 
 BEARING = Bearing(
@@ -92,21 +92,21 @@ def slow_predictor() -> tuple[StateSpaceModel, IdentificationData, ControllerPar
 def test_a_gain_is_named_as_a_gain_with_its_own_size(slow_predictor) -> None:
     model, data, controller = slow_predictor
     wrong = replace(model, b=model.b * [1.03, 1.0])
-    found = validate(wrong, data, controller)
-    first, *others = found.deviations
+    validation = validate(wrong, data, controller)
+    first, *others = validation.deviations
     assert first.name == "gain of i_1" and first.value == pytest.approx(-2.9, abs=0.3) and first.size < 1.0
-    assert all(len(found.deviations) * one.p_value > 1e-3 for one in others)
-    assert condition(found, "deviations").level == "validated with reservations"
-    assert found.verdict == "validated with reservations", found.report()
+    assert all(len(validation.deviations) * one.p_value > 1e-3 for one in others)
+    assert condition(validation, "deviations").level == "validated with reservations"
+    assert validation.verdict == "validated with reservations", validation.report()
 
 
 def test_a_gain_of_all_inputs_leaves_nothing_to_stiffness_and_modes(slow_predictor) -> None:
     model, data, controller = slow_predictor
-    found = validate(replace(model, b=1.1 * model.b), data, controller)
-    assert found.deviations[0].name == "gain of all inputs"
-    assert found.deviations[0].value == pytest.approx(-9.1, abs=0.5)
-    assert found.verdict == "not validated" and "gain of all inputs" in condition(found, "deviations").finding
-    assert not any("mode" in one.name and one.p_value < 1e-6 for one in found.deviations)
+    validation = validate(replace(model, b=1.1 * model.b), data, controller)
+    assert validation.deviations[0].name == "gain of all inputs"
+    assert validation.deviations[0].value == pytest.approx(-9.1, abs=0.5)
+    assert validation.verdict == "not validated" and "gain of all inputs" in condition(validation, "deviations").finding
+    assert not any("mode" in one.name and one.p_value < 1e-6 for one in validation.deviations)
 
 
 def with_tone(data: IdentificationData, amplitude: float) -> IdentificationData:
@@ -117,11 +117,11 @@ def with_tone(data: IdentificationData, amplitude: float) -> IdentificationData:
 
 def test_an_unbalance_is_named_and_no_fault_of_the_plant_part(slow_predictor) -> None:
     model, data, _ = slow_predictor
-    found = validate(model, with_tone(data, 5e-6))
-    white = condition(found, "whiteness")
+    validation = validate(model, with_tone(data, 5e-6))
+    white = condition(validation, "whiteness")
     assert "tones of 117.3 Hz" in white.finding and "unbalance" in white.advice
-    assert condition(found, "independence").passed and condition(found, "ringing").passed
-    assert found.verdict == "validated with reservations", found.report()
+    assert condition(validation, "independence").passed and condition(validation, "ringing").passed
+    assert validation.verdict == "validated with reservations", validation.report()
 
 
 def copied(data: IdentificationData, change: Callable[[np.ndarray], np.ndarray]) -> IdentificationData:
@@ -135,8 +135,8 @@ def copied(data: IdentificationData, change: Callable[[np.ndarray], np.ndarray])
 )
 def test_a_copy_of_the_data_of_the_identification_is_recognised(slow_predictor, change) -> None:
     model, data, _ = slow_predictor
-    found = overlap(fingerprint_of(data, noise_of(model, data)), copied(data, change))
-    assert found > OVERLAP
+    share = overlap(fingerprint_of(data, noise_of(model, data)), copied(data, change))
+    assert share > OVERLAP
 
 
 @pytest.mark.parametrize("step", [0.0, 0.1e-6, 0.5e-6, 2e-6], ids=["fine", "0.1 um", "0.5 um", "2 um"])
@@ -154,8 +154,8 @@ def test_a_sensor_at_rest_that_repeats_itself_is_other_data() -> None:
     at_rest = [
         IdentificationData.from_arrays(noise(seed=seed), (noise(seed=10 + seed) > 2.5) * 1e-6, 1e-4) for seed in (1, 2)
     ]
-    found = overlap(fingerprint_of(at_rest[0], [3e-7, 3e-7]), at_rest[1])
-    assert np.isnan(found) or found == 0.0
+    share = overlap(fingerprint_of(at_rest[0], [3e-7, 3e-7]), at_rest[1])
+    assert np.isnan(share) or share == 0.0
 
 
 def test_data_in_other_units_than_the_model_are_refused(slow_predictor) -> None:
@@ -171,8 +171,8 @@ def test_inputs_that_are_copies_of_one_another_make_no_warning(slow_predictor) -
     twice = replace(data, experiments=(replace(item, inputs=item.inputs[:, [0, 0]]),))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = validate(model, twice, controller)
-    assert found.verdict != "validated" and not condition(found, "controller").passed
+        validation = validate(model, twice, controller)
+    assert validation.verdict != "validated" and not condition(validation, "controller").passed
 
 
 def test_a_loop_with_another_controller_is_said_to_be_another_loop(slow_predictor) -> None:
@@ -183,8 +183,8 @@ def test_a_loop_with_another_controller_is_said_to_be_another_loop(slow_predicto
 
 
 def test_motion_that_the_reference_does_not_explain_at_all_is_said_in_words() -> None:
-    found = Coherence(
+    coherence = Coherence(
         ("x", "y"), np.array([5.0]), np.array([[0.9, 0.0]]), np.array([2e-6, 0.0]), np.array([1e-7, 1e-6]), 10.0
     )
-    assert found.brief == "noise and distortion together 5 % on x, all of the motion on y"
-    assert "inf" not in found.summary
+    assert coherence.brief == "noise and distortion together 5 % on x, all of the motion on y"
+    assert "inf" not in coherence.summary

@@ -35,33 +35,35 @@ def model_of(size: tuple[int, int]):
 @pytest.mark.parametrize("size", SIZES)
 def test_a_model_is_validated_on_other_data_on_a_page(size: tuple[int, int]) -> None:
     # Seed 2 is one of the hundred in which the check of feedback has a false alarm for one input and output.
-    found = validate(model_of(size), data_of(size, 3), horizons=(1, 4))
-    assert found.verdict == "validated with reservations", found.summary
-    assert {one.key for one in found.failed} == {"closed_loop", "controller", "closed_loop_fit"}, "there is no loop"
-    assert found.residuals.cross_correlation.shape == (51, size[1], size[0])
-    page = found.report().splitlines()
+    validation = validate(model_of(size), data_of(size, 3), horizons=(1, 4))
+    assert validation.verdict == "validated with reservations", validation.summary
+    assert {one.key for one in validation.failed} == {"closed_loop", "controller", "closed_loop_fit"}, (
+        "there is no loop"
+    )
+    assert validation.residuals.cross_correlation.shape == (51, size[1], size[0])
+    page = validation.report().splitlines()
     assert max(map(len, page)) <= 100
     assert all(any(name in line.split() for line in page) for name in model_of(size).output_names)
-    bands = found.frequency.bands
+    bands = validation.frequency.bands
     assert bands and np.median([band.difference for band in bands]) < 12.0
-    assert "FREQUENCY    from the inputs, without a model: smoothed" in found.report()
+    assert "FREQUENCY    from the inputs, without a model: smoothed" in validation.report()
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_the_response_is_estimated_from_the_inputs_of_an_open_loop(size: tuple[int, int]) -> None:
-    found = estimate_response(data_of(size), open_loop=True)
-    assert found.response.response.shape[1:] == size[::-1]
-    true = response_of(process_of(size).model, found.response.frequency).response
-    ratio = np.abs(found.response.response - true) ** 2 / found.variance
-    assert 0.6 < np.median(ratio) / found.largest_error(0.5) < 2.0
+    estimate = estimate_response(data_of(size), open_loop=True)
+    assert estimate.response.response.shape[1:] == size[::-1]
+    true = response_of(process_of(size).model, estimate.response.frequency).response
+    ratio = np.abs(estimate.response.response - true) ** 2 / estimate.variance
+    assert 0.6 < np.median(ratio) / estimate.largest_error(0.5) < 2.0
 
 
 def test_a_periodic_input_is_averaged_over_its_periods() -> None:
     data = process_of((1, 2)).data(8_000, period=500)
-    found = estimate_response(data, open_loop=True)
-    assert found.response.label == "average of 15 periods of 250 s"  # the first one is not settled
-    true = response_of(process_of((1, 2)).model, found.response.frequency).response
-    assert np.linalg.norm(found.response.response - true) < 0.05 * np.linalg.norm(true)
+    estimate = estimate_response(data, open_loop=True)
+    assert estimate.response.label == "average of 15 periods of 250 s"  # the first one is not settled
+    true = response_of(process_of((1, 2)).model, estimate.response.frequency).response
+    assert np.linalg.norm(estimate.response.response - true) < 0.05 * np.linalg.norm(true)
 
 
 def test_inputs_that_are_not_independent_are_refused() -> None:
@@ -95,10 +97,10 @@ def test_more_references_than_inputs_give_the_response_too() -> None:
         inputs[step] = 0.02 * np.sum(reference[step] - outputs[step])
         state = model.a @ state + model.b @ inputs[step]
     data = IdentificationData.from_arrays(inputs, outputs, 0.5, reference=reference)
-    found = estimate_response(data)
-    true = response_of(model, found.response.frequency).response
-    ratio = np.abs(found.response.response - true) ** 2 / found.variance
-    assert 0.6 < np.median(ratio) / found.largest_error(0.5) < 2.0
+    estimate = estimate_response(data)
+    true = response_of(model, estimate.response.frequency).response
+    ratio = np.abs(estimate.response.response - true) ** 2 / estimate.variance
+    assert 0.6 < np.median(ratio) / estimate.largest_error(0.5) < 2.0
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -113,10 +115,10 @@ def test_files_keep_any_size_bit_for_bit(tmp_path: Path, ending: str) -> None:
 
     data = data_of((3, 2))
     write_data(data, tmp_path / f"data.{ending}")
-    found = read(tmp_path / f"data.{ending}").data
-    assert (found.experiments[0].inputs == data.experiments[0].inputs).all()
-    assert (found.experiments[0].outputs == data.experiments[0].outputs).all()
-    assert found.input_names == data.input_names and found.output_units == data.output_units
+    table = read(tmp_path / f"data.{ending}").data
+    assert (table.experiments[0].inputs == data.experiments[0].inputs).all()
+    assert (table.experiments[0].outputs == data.experiments[0].outputs).all()
+    assert table.input_names == data.input_names and table.output_units == data.output_units
 
 
 @pytest.mark.parametrize("size", SIZES)

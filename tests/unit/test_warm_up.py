@@ -20,7 +20,7 @@ import amb_core
 @pytest.mark.timeout(1200)  # it compiles every kernel, beside whatever else runs
 def test_warming_up_compiles_every_kernel_that_is_kept_in_the_cache(tmp_path: Path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    subprocess.run([sys.executable, "-m", "amb_core.robustness.warm_up"], env=environment, check=True)
+    subprocess.run([sys.executable, "-m", "amb_core.warm_up"], env=environment, check=True)
 
     compiled = {file.name.split("-")[0] for file in tmp_path.rglob("*.nbi")}
 

@@ -13,29 +13,21 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import amb_controller_node
-import amb_ident_node
-import amb_ros
-import amb_sim_node
 from amb_bringup.client import AmbClient, amb_client, connection
+from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_bringup.graph import launch_file, launcher
 from amb_bringup.graph.launcher import Graph, own_domain
-from amb_bringup.graph.packages import share_folder
-from amb_controller_node.parameters import PdControllerParameters
+from amb_bringup.graph.packages import NODE_PACKAGES, share_folder
 from amb_core.excitation import Excitation, ExcitationSignal, generate
 from amb_core.ground.errors import BagError
-from amb_core.ground.parameters import load_parameters
 from amb_core.ground.tasks.provenance import code_version
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
-from amb_core.plant import Plant
 from amb_core.plant.simulation import simulate_first_bearing
 from amb_core.recording import Recording
 from amb_paper.study import Claim, StudyError
-from amb_sim_node.parameters import SimulatorParameters
 
 SETTLING = 2_000  # steps; the rotor falls to its sag and comes to rest
-_PACKAGES = (amb_ros, amb_sim_node, amb_controller_node, amb_ident_node)
 _MODULES = (amb_client, connection, launch_file, launcher)
 
 
@@ -70,7 +62,7 @@ class GraphExperiment:
     @property
     def controller(self) -> ControllerParameters:
         """Parameters of the controller."""
-        return load_parameters(PdControllerParameters, _parameter_file(), "pd_controller")
+        return controller_of(_parameter_file())
 
     @property
     def signal(self) -> ExcitationSignal:
@@ -79,7 +71,7 @@ class GraphExperiment:
 
     def without_ros(self) -> LoopRun:
         """The experiment without ROS."""
-        plant = Plant(load_parameters(SimulatorParameters, _parameter_file(), "simulator"))
+        plant = plant_of(_parameter_file())
         signal = self.signal
         record = simulate_first_bearing(plant, self.controller, SETTLING + signal.steps, signal.samples, SETTLING)
         return LoopRun(record, plant.delevitated)
@@ -156,7 +148,7 @@ class GraphExperiment:
         digest = hashlib.sha256((code_version() + described).encode())
         files = [_parameter_file(), launcher.launch_file("bearing"), Path(__file__)]
         files += [Path(inspect.getfile(module)) for module in _MODULES]
-        for package in _PACKAGES:
+        for package in NODE_PACKAGES:
             files += sorted(Path(inspect.getfile(package)).parent.rglob("*.py"))
         for file in files:
             digest.update(file.read_bytes())

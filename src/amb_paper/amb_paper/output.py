@@ -9,7 +9,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
-from amb_core import __version__
+from amb_core.ground.version import __version__
 from amb_core.report.figures.saving import page_from_json, write_page
 from amb_core.report.pages import write_report
 from amb_paper.page import paper_report

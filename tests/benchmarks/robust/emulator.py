@@ -50,12 +50,12 @@ def main() -> None:
     model = identify(used.data, 10, controller=used.controller).model
     measured = measured_sensitivity(swept.data, swept.controller)
     kept = measured.comparable()
-    found = compared(measured.difference_db(feedback_of(model, used.controller)), measured.frequency[kept])
-    found["coherence"] = float(measured.coherence[kept].min())
+    differences = compared(measured.difference_db(feedback_of(model, used.controller)), measured.frequency[kept])
+    differences["coherence"] = float(measured.coherence[kept].min())
     results = json.loads(path.read_text()) if path.exists() else {}
-    results.setdefault("swept", {})["emulator"] = found
+    results.setdefault("swept", {})["emulator"] = differences
     path.write_text(json.dumps(results, indent=2) + "\n")
-    print(json.dumps(found))
+    print(json.dumps(differences))
 
 
 def _record(excitation: Excitation, bag: Path, rig: GraphChoice) -> RecordedLoop:

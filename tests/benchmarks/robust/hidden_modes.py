@@ -54,7 +54,7 @@ def one_mode(seed: int, duration: float) -> dict[str, float | bool]:
     first = swept(loop, settings.excitation, random)
     further = [one for dwell in dwells(first, LAW, settings) for one in swept(loop, dwell, random).experiments]
     data = replace(first, experiments=(*first.experiments, *further))
-    found = measured_sensitivity(data, LAW, modes_of(data, LAW))
+    measured = measured_sensitivity(data, LAW, modes_of(data, LAW))
     rates = np.log(truth.closed.poles().astype(complex)) / STEP
     pole = min(rates[rates.imag > 0.0], key=lambda rate: abs(abs(rate) / (2.0 * np.pi) - hertz))
     at, zeta = float(abs(pole)) / (2.0 * np.pi), float(-pole.real / abs(pole))
@@ -63,7 +63,7 @@ def one_mode(seed: int, duration: float) -> dict[str, float | bool]:
     return {
         "height": min(height, 1e9),
         "hertz": hertz, "damping": damping, "gain": gain, "closed_hertz": at, "closed_damping": zeta,
-        "found": is_found(found, truth, at, zeta), "named": not low <= at <= high or height > HIDDEN,
+        "found": is_found(measured, truth, at, zeta), "named": not low <= at <= high or height > HIDDEN,
     }  # fmt: skip
 
 

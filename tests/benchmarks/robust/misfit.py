@@ -100,14 +100,14 @@ def demo(size: Size) -> dict[str, Any]:
     squares = _simulated("square", {"amplitude": 40e-6, "duration": size.identification / 3.0})
     used = _simulated("multisine", {**band, "duration": size.identification})
     other = _simulated("multisine", {**band, "duration": size.identification / 3.0, "seed": 2})
-    found = {}
+    results = {}
     for name, data in (("squares", (squares, squares)), ("guide", (used, other))):
         model = identify(data[0].data, 10, controller=data[0].controller)
         certificate = certify_from_data(
             model.model, ControllerParameters(), *data, settings=settings, uncertainty=model.uncertainty
         )
-        found[name] = {"statement": certificate.statement, "verdict": certificate.verdict}
-    return found
+        results[name] = {"statement": certificate.statement, "verdict": certificate.verdict}
+    return results
 
 
 def _simulated(kind: str, request: dict[str, Any]) -> Recorded:
@@ -129,8 +129,8 @@ def _drawn(seed: int) -> MisfitPlant | SimulatedPlant:
 
 def _timed(seed: int, size: Size) -> dict[str, Any]:
     start = time.process_time()
-    found = _measured(_drawn(seed), seed, size)
-    return found | {"seconds": time.process_time() - start}
+    outcome = _measured(_drawn(seed), seed, size)
+    return outcome | {"seconds": time.process_time() - start}
 
 
 def _measured(plant: MisfitPlant | SimulatedPlant, seed: int, size: Size) -> dict[str, Any]:
@@ -146,14 +146,20 @@ def _measured(plant: MisfitPlant | SimulatedPlant, seed: int, size: Size) -> dic
     )
     record: dict[str, Any] = {"kind": kind, "axes": plant.axes, "mild": None, "aggressive": None}
     try:
-        found = identify(used.data, plant.order, controller=mild)
+        identification = identify(used.data, plant.order, controller=mild)
     except AmbError as problem:
         return record | {"failed": str(problem)}
     settings = RobustnessSettings(mode_damping=CONTRADICTED) if kind == "wrong assumption" else RobustnessSettings()
-    validation = validate(found.model, judged.data, judged.controller, uncertainty=found.uncertainty)
+    validation = validate(identification.model, judged.data, judged.controller, uncertainty=identification.uncertainty)
     for name, law in (("mild", mild), ("aggressive", plant.aggressive)):
         certificate = certify_from_data(
-            found.model, law, used, judged, settings=settings, validation=validation, uncertainty=found.uncertainty
+            identification.model,
+            law,
+            used,
+            judged,
+            settings=settings,
+            validation=validation,
+            uncertainty=identification.uncertainty,
         )
         record[name] = _judged(plant, law, certificate)
     return record
@@ -163,23 +169,29 @@ def _judged(plant: MisfitPlant | SimulatedPlant, law: ControllerParameters, cert
     """What a certificate states, and whether it is true."""
     true = Feedback(plant.true, law_from_positions(law, plant.axes))
     statement, assessment = certificate.statement, certificate.assessment
-    found = {"statement": statement, "verdict": certificate.verdict, "stable": true.stable, "lie": False, "widths": []}
+    outcome = {
+        "statement": statement,
+        "verdict": certificate.verdict,
+        "stable": true.stable,
+        "lie": False,
+        "widths": [],
+    }
     if statement == "not certified" or assessment is None or assessment.bounds is None or certificate.known is None:
-        return found
+        return outcome
     bounds = [axis.sensitivity.value for axis in assessment.bounds.axes]
     places = [plant.axes + axis for axis in range(plant.axes)]
     if statement == "restricted":
         inside = _DENSE[certificate.known.holds(_DENSE)]
         sizes = np.abs(np.diagonal(true.closed.response(inside)[:, places][:, :, places], axis1=1, axis2=2))
-        found["lie"] = bool(np.any(sizes.max(axis=0) > bounds))
+        outcome["lie"] = bool(np.any(sizes.max(axis=0) > bounds))
     else:
         peaks = [peak_gain(true.closed.part([place], [place])).value for place in places]
         seen = plant.measured_peaks(law)
         peaks = peaks if seen is None else np.maximum(peaks, seen).tolist()
-        found["lie"] = not true.stable or bool(np.any(np.array(peaks) > bounds))
-        found["widths"] = (np.array(bounds) / peaks).tolist()
+        outcome["lie"] = not true.stable or bool(np.any(np.array(peaks) > bounds))
+        outcome["widths"] = (np.array(bounds) / peaks).tolist()
     ran_another = plant.kind == "wrong controller" and law is plant.aggressive and statement.startswith("certified")
     judged_by_itself = plant.kind == "same record" and statement == "certified"
     if plant.kind == "wrong assumption" or ran_another or judged_by_itself:
-        found["lie"] = True
-    return found
+        outcome["lie"] = True
+    return outcome

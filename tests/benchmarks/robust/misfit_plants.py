@@ -122,9 +122,9 @@ def draw(kind: str, seed: int, axes: int | None = None) -> MisfitPlant:
     """A bearing that both of its controllers hold, in simulation without a misfit or with it."""
     random = np.random.default_rng([seed, 3])
     for _ in range(200):
-        found = _draw(kind, random, axes)
-        if found is not None:
-            return found
+        plant = _draw(kind, random, axes)
+        if plant is not None:
+            return plant
     raise RuntimeError(f"no bearing of the kind {kind} was found")
 
 
@@ -173,7 +173,7 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
         heavier, stiffer = random.uniform(0.7, 1.5, 2)
         other = _with_plant(loop, _plant((heavier * mass, stiffer * stiffness, gain, bandwidth), mode, delay, random))
     amplitude = 50.0 * sensor + 10.0 * loop.force_noise / stiffness
-    found = MisfitPlant(
+    misfit = MisfitPlant(
         kind, axes, order, loop, aggressive, amplitude, lowest, highest, lines,
         (frequency, damping, share * with_mode), other,
     )  # fmt: skip
@@ -185,13 +185,13 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
     ):
         return None
     if kind == "saturation":
-        return _saturated(found, random)
+        return _saturated(misfit, random)
     if kind == HONEST:  # one that deserves a certificate
-        model = named_model(found)
+        model = named_model(misfit)
         of_true = assess(model, mild, RobustnessSettings(frequencies=100.0))
         if max(axis.sensitivity.value for axis in of_true.axes) > 2.2 or of_true.mu.upper > 0.7:
             return None
-    return found
+    return misfit
 
 
 def _saturated(plant: MisfitPlant, random: np.random.Generator) -> MisfitPlant | None:

@@ -77,17 +77,17 @@ class SimulatedPlant:
         record = _run(quiet, law, "multisine", PROBE)
         if record is None:
             return np.full(self.axes, np.inf)
-        found = measured_sensitivity(IdentificationData.from_record(record), law)
-        return np.nanmax(np.abs(found.own) - _REACH * found.deviation, axis=0)
+        measured = measured_sensitivity(IdentificationData.from_record(record), law)
+        return np.nanmax(np.abs(measured.own) - _REACH * measured.deviation, axis=0)
 
 
 def draw_simulated(kind: str, seed: int) -> SimulatedPlant:
     """A bearing that both of its controllers hold when nothing excites it."""
     random = np.random.default_rng([seed, 3])
     while True:
-        found = _draw(kind, random)
-        if found is not None:
-            return found
+        plant = _draw(kind, random)
+        if plant is not None:
+            return plant
 
 
 def _draw(kind: str, random: np.random.Generator) -> SimulatedPlant | None:
@@ -103,15 +103,15 @@ def _draw(kind: str, random: np.random.Generator) -> SimulatedPlant | None:
     harder = 10.0 ** random.uniform(np.log10(1.3), np.log10(3.0))
     aggressive = mild.model_copy(update={"derivative_gain": harder * mild.derivative_gain})
     if kind == HYSTERESIS:
-        found = SimulatedPlant(kind, mild, aggressive, parameters, "multisine", 10.0 ** random.uniform(-6.0, -5.0))
+        plant = SimulatedPlant(kind, mild, aggressive, parameters, "multisine", 10.0 ** random.uniform(-6.0, -5.0))
     else:
-        found = SimulatedPlant(kind, mild, aggressive, parameters, "sweep", random.uniform(2e-6, 9e-6))
-    record = found.record(round(_SECONDS * mild.sample_rate), 0)
+        plant = SimulatedPlant(kind, mild, aggressive, parameters, "sweep", random.uniform(2e-6, 9e-6))
+    record = plant.record(round(_SECONDS * mild.sample_rate), 0)
     if record is None:
         return None
     if kind == REGION_C and not any(state.region is Region.C for state in classify(record).states):
         return None
-    return found
+    return plant
 
 
 def _seed_of(excitation: str, seed: int) -> dict[str, int]:

@@ -69,10 +69,10 @@ def measured(case: Bearing | Rotor, seed: int, size: Size) -> dict[str, object]:
     true = case.true
     data = IdentificationData.from_arrays(*case.data(seed, size.steps), true.sample_time)
     try:
-        found = identify(data, order=true.order)
+        identification = identify(data, order=true.order)
     except IdentificationError as problem:
         return {"failed": str(problem)}
-    model, uncertainty = found.model, found.uncertainty
+    model, uncertainty = identification.model, identification.uncertainty
     feedback = case.feedback(model)
     search = WorstCases(feedback, uncertainty, PlantSet.of(uncertainty, GRID), RobustnessSettings())
     bounds = [search.axis(axis, name).sensitivity.value for axis, name in enumerate(feedback.axes)]
@@ -83,7 +83,7 @@ def measured(case: Bearing | Rotor, seed: int, size: Size) -> dict[str, object]:
         "poles_inside": poles_inside(uncertainty, true),
         "distance": uncertainty.distance,
         "inflation": uncertainty.inflation,
-        "drift": found.drift is not None,
+        "drift": identification.drift is not None,
     }
     if seed < SAMPLED_RUNS:
         drawn = uncertainty.samples(size.sampled, seed)

@@ -39,11 +39,11 @@ def say(text: str) -> None:
 
 def code_version() -> str:
     """Hash of everything that a result depends on: amb_core, this benchmark, and the plants of the other."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     folders = ("src/amb_core/amb_core", "tests/benchmarks/robust", "tests/benchmarks/ident")
     for path in sorted(path for folder in folders for path in (ROOT / folder).rglob("*.py")):
-        found.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
-    return found.hexdigest()[:12]
+        digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+    return digest.hexdigest()[:12]
 
 
 def records(part: str, size: Size, count: int, measure: Callable[[int], dict[str, Any]]) -> list[dict[str, Any]]:

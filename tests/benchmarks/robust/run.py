@@ -66,9 +66,9 @@ def mu(size: Size) -> dict[str, float]:
 
     def bounded(system: LinearSystem, blocks: Sequence[Block]) -> dict[str, float]:
         peak = mu_peak(system, blocks, GRID)
-        found = len(peak.perturbation) > 0
-        apart = distance_from_circle(system, peak.perturbation, peak.lower_frequency) if found else math.inf
-        return {"gap": 100.0 * (peak.upper - peak.lower) / peak.upper, "found": found, "on_circle": apart < 1e-6}
+        replayed = len(peak.perturbation) > 0
+        apart = distance_from_circle(system, peak.perturbation, peak.lower_frequency) if replayed else math.inf
+        return {"gap": 100.0 * (peak.upper - peak.lower) / peak.upper, "found": replayed, "on_circle": apart < 1e-6}
 
     def one(seed: int) -> dict[str, object]:
         feedback = feedback_of(*random_loop(seed, True))
@@ -122,7 +122,7 @@ def seconds(size: Size) -> dict[str, float]:
         "two_by_two": (bearing.true, bearing.feedback, bearing.data(0, size.steps)),
         "four_by_four": _order_16(size.steps),
     }
-    found = {}
+    results = {}
     for name, (model, feedback, record) in cases.items():
         uncertainty = estimate_uncertainty(model, IdentificationData.from_arrays(*record, model.sample_time))
         used, spent = [], []
@@ -131,8 +131,8 @@ def seconds(size: Size) -> dict[str, float]:
             assess_loop(feedback(model), RobustnessSettings(frequencies=float(size.frequencies)), uncertainty)
             spent.append(time.perf_counter() - start)
             used.append(time.process_time() - at)
-        found[name], found[f"{name}_cpu"] = min(spent), min(used)
-    return found
+        results[name], results[f"{name}_cpu"] = min(spent), min(used)
+    return results
 
 
 def _order_16(steps: int):
@@ -182,26 +182,26 @@ def peers(size: Size) -> list[dict[str, object]]:
         record: dict[str, object] = {}
         broken = disk_margin_of_axis(feedback_of(*random_loop(seed, True)), 0).broken
         for name, method in methods:
-            found = {"margin": _margin(method, seed, False)}
+            results = {"margin": _margin(method, seed, False)}
             start = time.process_time()
-            found["stable_margin"] = _margin(method, seed, True)
-            found["seconds"] = time.process_time() - start
-            record[name] = {**found, "broken": broken}
+            results["stable_margin"] = _margin(method, seed, True)
+            results["seconds"] = time.process_time() - start
+            record[name] = {**results, "broken": broken}
         return record
 
     kept = records("peers", size, size.runs, one)
     rows: list[dict[str, object]] = []
     for name, _ in methods:
-        found = [item[name] for item in kept]
-        of_unstable = sum((item["margin"] or 0.0) > 0.0 for item in found)
-        of_stable = sum((item["stable_margin"] or 0.0) > item["broken"] * 1.001 for item in found)
+        results = [item[name] for item in kept]
+        of_unstable = sum((item["margin"] or 0.0) > 0.0 for item in results)
+        of_stable = sum((item["stable_margin"] or 0.0) > item["broken"] * 1.001 for item in results)
         rows.append({
             "name": name, "loops": 2 * size.runs, "wrong": of_unstable + of_stable,
             "wrong_unstable": of_unstable, "wrong_stable": of_stable,
-            "no_answer_stable": sum(item["stable_margin"] is None for item in found),
-            "seconds": sum(item["seconds"] for item in found),
+            "no_answer_stable": sum(item["stable_margin"] is None for item in results),
+            "seconds": sum(item["seconds"] for item in results),
             "median_of_exact": float(np.median([
-                item["stable_margin"] / item["broken"] for item in found if item["stable_margin"] is not None
+                item["stable_margin"] / item["broken"] for item in results if item["stable_margin"] is not None
             ])),
         })  # fmt: skip
     return rows
@@ -232,10 +232,10 @@ def main() -> None:
         shutil.rmtree(size.folder, ignore_errors=True)
     results = json.loads(path.read_text()) if path.exists() else {}
     for name in chosen.parts:
-        found = PARTS[name](size)
+        figures = PARTS[name](size)
         if name == "swept" and "emulator" in results.get(name, {}):  # which `emulator.py` measures
-            found["emulator"] = results[name]["emulator"]
-        results[name] = found
+            figures["emulator"] = results[name]["emulator"]
+        results[name] = figures
         path.write_text(json.dumps(results, indent=2) + "\n")
         say(f"{name}: {json.dumps(results[name])}")
 

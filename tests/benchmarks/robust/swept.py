@@ -33,11 +33,11 @@ BEARINGS = {
 
 def swept(say, size: Size) -> dict[str, object]:
     """Largest difference in dB up to 1 kHz, by bearing; that of an emulated rig stays, which `emulator.py` measures."""
-    found = {}
+    results = {}
     for name, change in BEARINGS.items():
-        found[name] = _worst(change, size)
-        say(f"swept {name}: {found[name]}")
-    return {"worst_db": max(one["worst_db"] for one in found.values()), "bearings": found}
+        results[name] = _worst(change, size)
+        say(f"swept {name}: {results[name]}")
+    return {"worst_db": max(one["worst_db"] for one in results.values()), "bearings": results}
 
 
 def _worst(change: dict[str, float], size: Size) -> dict[str, float]:

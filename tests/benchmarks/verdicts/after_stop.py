@@ -52,11 +52,11 @@ def run(quick: bool, progress: Callable[[int, int], None], seed: int = SEED) -> 
 
 def named(case: AfterStop) -> bool:
     """Whether C is named after an onset, on its axis, and remains; without an onset, whether any C is named."""
-    found = classify(case.record)
+    timeline = classify(case.record)
     if case.onset is None:
-        return any(Region.C in onsets for onsets in found.axis_onsets.values())
-    onset = found.axis_onsets[case.axis].get(Region.C)
-    return onset is not None and onset.step >= case.onset - 1_000 and found.states[-1].axis(case.axis).region >= 2
+        return any(Region.C in onsets for onsets in timeline.axis_onsets.values())
+    onset = timeline.axis_onsets[case.axis].get(Region.C)
+    return onset is not None and onset.step >= case.onset - 1_000 and timeline.states[-1].axis(case.axis).region >= 2
 
 
 def draw(random: np.random.Generator, quiet: bool = False) -> AfterStop:

@@ -119,16 +119,16 @@ def draw_bearing(random: np.random.Generator, axes: int | None = None) -> Bearin
         damping = 2.0 * random.uniform(0.35, 0.8) * np.sqrt((wanted - stiffness) * mass)
         noise = 10.0 ** random.uniform(np.log10(0.3), 1.0)
         shape = random.uniform(0.4, 1.0, axes) * random.choice([-1.0, 1.0], axes)
-        found = Bearing(
+        bearing = Bearing(
             axes, mass, tuple(random.uniform(0.05, 0.25, axes - 1)), current_gain, stiffness,
             random.uniform(1_000.0, 3_000.0), random.uniform(300.0, 1_500.0), 10.0 ** random.uniform(-2.5, -1.5),
             random.uniform(0.1, 0.5), tuple(shape / np.abs(shape).max()), wanted / current_gain,
             damping / current_gain, random.uniform(0.1, 0.6), 0.02e-6 * noise,
             0.03e-6 * stiffness * random.uniform(0.3, 3.0) * noise,
         )  # fmt: skip
-        loop = found.loop()
+        loop = bearing.loop()
         if np.abs(loop.poles(loop.a, loop.b, loop.c)).max() < MOST_DAMPED:
-            return found
+            return bearing
 
 
 def draw_data(

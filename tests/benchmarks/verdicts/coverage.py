@@ -100,13 +100,13 @@ def run(quick: bool, progress: Callable[[int, int], None], seed: int = SEED, run
     poles: dict[str, float | None] = {}
     withheld: dict[str, int] = {}
     for place, kind in enumerate(KINDS):
-        found = [
+        inside = [
             share
             for number in range(runs)
             if (share := one_run(kind, np.random.default_rng([seed, place, number]))) is not None
         ]
-        magnitudes, of_poles = np.mean(found, axis=0).round(4).tolist() if found else (None, None)
-        shares[kind], poles[kind], withheld[kind] = magnitudes, of_poles, runs - len(found)
+        magnitudes, of_poles = np.mean(inside, axis=0).round(4).tolist() if inside else (None, None)
+        shares[kind], poles[kind], withheld[kind] = magnitudes, of_poles, runs - len(inside)
         progress((place + 1) * runs, len(KINDS) * runs)
     return {"coverage": shares, "poles": poles, "withheld": withheld, "runs": runs}
 
@@ -114,16 +114,16 @@ def run(quick: bool, progress: Callable[[int, int], None], seed: int = SEED, run
 def one_run(kind: str, random: np.random.Generator) -> tuple[float, float] | None:
     """Shares of the true magnitudes and poles that are inside; None without a band."""
     try:
-        found, true = draw(kind, random)
+        identification, true = draw(kind, random)
     except IdentificationError:  # data that do not excite every input
         return None
-    if found.uncertainty is None:
+    if identification.uncertainty is None:
         return None
-    band = found.uncertainty.response(FREQUENCIES).magnitude_band(LEVEL)
+    band = identification.uncertainty.response(FREQUENCIES).magnitude_band(LEVEL)
     assert band is not None
     magnitude = response_of(true, FREQUENCIES).magnitude
     unstable = [pole for pole in true.poles() if abs(pole) > 1.0]
-    groups = found.uncertainty.unstable_poles
+    groups = identification.uncertainty.unstable_poles
     inside = [any(group.holds(complex(pole), LEVEL) for group in groups) for pole in unstable]
     return float(np.mean((band[0] <= magnitude) & (magnitude <= band[1]))), float(np.mean(inside))
 

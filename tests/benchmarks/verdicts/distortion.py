@@ -39,14 +39,14 @@ def holds(case: Case, duration: float, new_seeds: tuple[int, ...]) -> bool | Non
     fields = {"duration": duration, "frequency_start": 10.0, "frequency_end": case.frequency_end}
     limits = Limits()
     try:
-        found = design_excitation("multisine", fields, None, case.controller, case.plant, tolerance=TOLERANCE)
+        design = design_excitation("multisine", fields, None, case.controller, case.plant, tolerance=TOLERANCE)
     except ExcitationError:
         return None
     bench = TrialBench(case.plant, case.controller)
-    again = use_of_trial(bench.run(found.signal), limits, bench.regions.drift_threshold)
+    again = use_of_trial(bench.run(design.signal), limits, bench.regions.drift_threshold)
     if again.share > 1.0:
         return False
-    settings = distortion_settings(found.signal, limits.seeds)
+    settings = distortion_settings(design.signal, limits.seeds)
     for seed in new_seeds:
         try:
             other = simulate_distortion(case.plant, case.controller, settings.model_copy(update={"seed": seed}))

@@ -119,24 +119,24 @@ def _axis(random: np.random.Generator, mass: float, stiffness: float, gain: floa
 
 def excitation(kind: str, axes: int, steps: int, rate: float, random: np.random.Generator) -> Arrays:
     """Independent signals of amplitude one on all axes, shape (steps, axes)."""
-    time, found = np.arange(steps) / rate, np.empty((steps, axes))
+    time, signals = np.arange(steps) / rate, np.empty((steps, axes))
     for axis in range(axes):
         if kind == "squares":
-            found[:, axis] = np.sign(np.sin(2.0 * np.pi * (random.uniform(8.0, 30.0) * time + random.random())))
+            signals[:, axis] = np.sign(np.sin(2.0 * np.pi * (random.uniform(8.0, 30.0) * time + random.random())))
         elif kind == "prbs":
             held = round(rate * random.uniform(0.5e-3, 3e-3))
-            found[:, axis] = np.repeat(random.choice([-1.0, 1.0], steps // held + 1), held)[:steps]
+            signals[:, axis] = np.repeat(random.choice([-1.0, 1.0], steps // held + 1), held)[:steps]
         elif kind == "multisine":
             lines = rate / steps * np.arange(1, max(int(800.0 * steps / rate), 2))
             lines = random.permutation(lines)[:200]
             phases = random.uniform(0.0, 2.0 * np.pi, len(lines))
-            found[:, axis] = np.cos(2.0 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
-            found[:, axis] /= np.abs(found[:, axis]).max()
+            signals[:, axis] = np.cos(2.0 * np.pi * np.outer(time, lines) + phases).sum(axis=1)
+            signals[:, axis] /= np.abs(signals[:, axis]).max()
         else:
             low, high = random.uniform(3.0, 15.0), random.uniform(300.0, 900.0)
             place = (time / time[-1] + axis / axes) % 1.0
-            found[:, axis] = np.sin(2.0 * np.pi * np.cumsum(low * (high / low) ** place) / rate)
-    return found
+            signals[:, axis] = np.sin(2.0 * np.pi * np.cumsum(low * (high / low) ** place) / rate)
+    return signals
 
 
 @numba.njit(cache=True)

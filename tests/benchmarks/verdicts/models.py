@@ -34,9 +34,9 @@ def true_models(size: Size) -> dict[str, Any]:
         random = np.random.default_rng([_SEED_TRUE, seed])
         bearing = draw_bearing(random)
         data, _ = draw_data(bearing, random, size.steps)
-        found = validate(bearing.true_model(), data, bearing.controller)
-        verdicts[found.verdict] += 1
-        failed.update(condition.key for condition in found.failed)
+        validation = validate(bearing.true_model(), data, bearing.controller)
+        verdicts[validation.verdict] += 1
+        failed.update(condition.key for condition in validation.failed)
         if seed % IDENTIFIED == 0:
             other, _ = draw_data(bearing, random, size.steps, like=data)
             try:

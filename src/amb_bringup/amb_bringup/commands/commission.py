@@ -21,9 +21,9 @@ from amb_bringup.commands.terminal import Terminal
 from amb_bringup.experiments.commissioning import Session
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
 from amb_bringup.graph.node_parameters import check_parameter_file
-from amb_core import __version__
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
 from amb_core.ground.parameters import part_of, validate
+from amb_core.ground.version import __version__
 from amb_core.loop.control import ControllerParameters
 from amb_core.recording import Recording
 from amb_core.regions.region_map import RegionMap

@@ -27,6 +27,7 @@ from amb_core.ground.results import plain
 from amb_core.identification import Focus, Identification, IdentificationData, IdentificationProgress, response_of
 from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
 from amb_core.report import figures
 from amb_core.report.figures.entries import Entry, entries_from
@@ -222,13 +223,7 @@ def _table(result: Identification) -> Table:
         table.add_row("order by others", others)
     spans = "\n".join(f"steps {item.first_step} to {item.stop - 1}" for item in result.data.experiments)
     table.add_row("samples", f"{model.samples}, {spans}")
-    for name, fit in zip(model.output_names, model.fit, strict=False):
-        table.add_row(f"closed-loop fit {name}", f"{fit:.2f} %")
-    for name, unit, rms in zip(
-        model.output_names, model.output_units, np.sqrt(np.diag(model.innovation_covariance)), strict=True
-    ):
-        value = f"{UNITS * rms:.4g} um" if unit == "m" else f"{rms:.4g} {unit}".strip()
-        table.add_row(f"prediction error {name}", f"{value} rms")
+    _add_fits(table, model)
     table.add_row("poles z", "\n".join(_poles(result)))
     if result.uncertainty is not None and not result.uncertainty.white:
         table.add_row(
@@ -240,6 +235,22 @@ def _table(result: Identification) -> Table:
         table.add_row(Text("pole at 1", "yellow"), remark)
     if result.drift is not None:
         table.add_row("drift", result.drift.summary)
+    _add_ending(table, result)
+    return table
+
+
+def _add_fits(table: Table, model: StateSpaceModel) -> None:
+    for name, fit in zip(model.output_names, model.fit, strict=False):
+        table.add_row(f"closed-loop fit {name}", f"{fit:.2f} %")
+    for name, unit, rms in zip(
+        model.output_names, model.output_units, np.sqrt(np.diag(model.innovation_covariance)), strict=True
+    ):
+        value = f"{UNITS * rms:.4g} um" if unit == "m" else f"{rms:.4g} {unit}".strip()
+        table.add_row(f"prediction error {name}", f"{value} rms")
+
+
+def _add_ending(table: Table, result: Identification) -> None:
+    """How the search ended, and the verdict."""
     if (search := result.search) is not None:
         done = Text("converged") if search.converged else Text("not converged", "yellow")
         left = "" if search.converged else f", {100.0 * search.left:.2g} % left"
@@ -250,7 +261,6 @@ def _table(result: Identification) -> Table:
     table.add_row("verdict", Text(f"{result.verdict} on the data of the estimate", colour))
     for condition in () if result.validation is None else result.validation.failed:
         table.add_row("", f"{condition.name}: {condition.finding}")
-    return table
 
 
 def _poles(result: Identification) -> list[str]:

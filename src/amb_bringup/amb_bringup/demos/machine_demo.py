@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from amb_bringup.client.experiment import SETTLING_STEPS, Experiment
 from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph, samples_of
-from amb_core.excitation import Multisine
+from amb_core.excitation import Excitation, Multisine
 from amb_core.ground.progress import Progress, as_stage
 from amb_core.identification import response_of, simulate_closed_loop
 from amb_core.identification.modes import closed_loop_modes
@@ -77,15 +77,7 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
         experiments, model_order(plant.parameters), folder, parameter_file, domain_id, progress, focus="simulation"
     )
     records = [done.recording.telemetry(run) for run in done.runs]
-    signal = samples_of(excitation, plant.machine)
-    reference = simulate(
-        plant,
-        PdController(controller, len(axes)),
-        done.steps,
-        signal,
-        SETTLING_STEPS,
-        as_stage("without ROS", progress),
-    )
+    reference = _without_ros(plant, controller, excitation, done.steps, progress)
     progress("comparison", 0, 1)
     computed = linearize(plant, controller)
     error = response_error(done.model, computed.discrete)
@@ -112,6 +104,20 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
     )
     (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
     return summary
+
+
+def _without_ros(
+    plant: Plant, controller: ControllerParameters, excitation: Excitation, steps: int, progress: Progress
+) -> LoopRecord:
+    """The same experiment in one process."""
+    return simulate(
+        plant,
+        PdController(controller, len(plant.machine.axis_names)),
+        steps,
+        samples_of(excitation, plant.machine),
+        SETTLING_STEPS,
+        as_stage("without ROS", progress),
+    )
 
 
 def _save_figures(

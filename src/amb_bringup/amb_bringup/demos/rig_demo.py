@@ -110,11 +110,7 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
             for excitation in excitations:
                 run = stand.excite(Experiment(excitation.kind, excitation)).run
                 highest.require_a(excitation.kind)
-            model = amb.identify(
-                order=machine_experiment.model_order(plant.parameters),
-                focus="simulation",
-                progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
-            )
+            model = _identified(amb, plant, progress)
         state = amb.rig.wait_for_state()
         graph.check()
     model.save(folder / "model.json")
@@ -141,6 +137,15 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     summary = replace(summary, seconds=time.monotonic() - began)
     (folder / "summary.json").write_text(json.dumps(asdict(summary), indent=2) + "\n")
     return summary
+
+
+def _identified(amb: AmbClient, plant: Plant, progress: Progress) -> StateSpaceModel:
+    """The model from the telemetry of the last run."""
+    return amb.identify(
+        order=machine_experiment.model_order(plant.parameters),
+        focus="simulation",
+        progress=lambda now: progress(f"identification, {now.stage}", now.done, now.total),
+    )
 
 
 def _load_on_a_map(

@@ -7,7 +7,14 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 
+import amb_controller_node
+import amb_ident_node
+import amb_ros
+import amb_sim_node
 from amb_core.ground.errors import AmbError
+
+NODE_PACKAGES = (amb_ros, amb_sim_node, amb_controller_node, amb_ident_node)
+"""The packages that the processes of a graph run."""
 
 
 class LaunchError(AmbError):

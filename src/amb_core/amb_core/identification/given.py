@@ -71,9 +71,9 @@ def given_model(model: Model) -> StateSpaceModel:
     IdentificationError
         If it is something else.
     """
-    found = getattr(model, "model", model)
-    if isinstance(found, StateSpaceModel):
-        return found
+    inner = getattr(model, "model", model)
+    if isinstance(inner, StateSpaceModel):
+        return inner
     raise IdentificationError(
         f"model: {_kind(model)} is not allowed; allowed: the result of identify, or a StateSpaceModel; files: "
         "StateSpaceModel.load(path)"

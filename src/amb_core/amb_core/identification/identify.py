@@ -231,21 +231,12 @@ def identify(
     data, controller = loop.data, controller or loop.controller
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
     controller = _controller(data, controller)
-    if focus == "simulation" and controller is None:
-        raise IdentificationError("simulation focus needs data of the bearing's loop: currents in A, positions in m")
-    if feedthrough and controller is not None:
-        raise IdentificationError(
-            "feedthrough is not allowed for data of the bearing's loop: its controller responds within the sample, and "
-            "the data cannot distinguish this from a plant that does"
-        )
+    _refuse_unsuitable(controller, focus, feedthrough)
     watch = Watch(progress, cancelled)
     watch.tell("checks", 0, 1)
-    sample_time = None if controller is None else 1.0 / controller.sample_rate
-    report = check_data(data, 1 if order == "auto" else order, sample_time=sample_time, feedthrough=feedthrough)
-    report.refuse_errors()
-    report = replace(report, findings=(*report.findings, check_controller(data, controller)))
-    found = report.finding("drift").severity is Severity.WARNING
-    cure = cure_drift(data, drift) if found or drift == "prefilter" else None
+    report = _checked(data, 1 if order == "auto" else order, controller, feedthrough)
+    drifts = report.finding("drift").severity is Severity.WARNING
+    cure = cure_drift(data, drift) if drifts or drift == "prefilter" else None
     used = data if cure is None else cure.data
     watch.tell("checks", 1, 1)
     selection = None
@@ -290,6 +281,25 @@ def check_arguments(order: int | str, method: str, focus: str, drift: str = "aut
             raise IdentificationError(f"order {order!r} is not allowed; allowed: a number or 'auto'")
     else:
         check_order(order)
+
+
+def _refuse_unsuitable(controller: KnownController | None, focus: Focus, feedthrough: bool) -> None:
+    """Raise if focus or feedthrough do not suit data of this controller, None being data of no loop."""
+    if focus == "simulation" and controller is None:
+        raise IdentificationError("simulation focus needs data of the bearing's loop: currents in A, positions in m")
+    if feedthrough and controller is not None:
+        raise IdentificationError(
+            "feedthrough is not allowed for data of the bearing's loop: its controller responds within the sample, and "
+            "the data cannot distinguish this from a plant that does"
+        )
+
+
+def _checked(data: IdentificationData, order: int, controller: KnownController | None, feedthrough: bool) -> DataReport:
+    """The report on the data, without errors, and whether they are of this controller."""
+    sample_time = None if controller is None else 1.0 / controller.sample_rate
+    report = check_data(data, order, sample_time=sample_time, feedthrough=feedthrough)
+    report.refuse_errors()
+    return replace(report, findings=(*report.findings, check_controller(data, controller)))
 
 
 def _for_order(report: DataReport, data: IdentificationData, order: int) -> DataReport:

@@ -46,8 +46,8 @@ class ResponseError:
     @property
     def entries(self) -> NDArray[np.float64]:
         """Largest relative error (-) of each entry, shape (p, m); NaN for one that is nowhere compared."""
-        found = np.where(np.isnan(self.relative), -np.inf, self.relative).max(axis=0)
-        return np.where(np.isneginf(found), np.nan, found)
+        largest = np.where(np.isnan(self.relative), -np.inf, self.relative).max(axis=0)
+        return np.where(np.isneginf(largest), np.nan, largest)
 
     @property
     def worst(self) -> str:
@@ -97,11 +97,11 @@ def response_error(
         raise IdentificationError(f"floor = {floor:g} is not allowed; allowed: 0 to less than 1")
     frequency = checked_frequencies(np.geomspace(*band, points), max(model.sample_time, computed.sample_time))
     truth = computed.response(frequency)
-    found = response_of(model, frequency).response
+    response = response_of(model, frequency).response
     magnitude = np.abs(truth)
     compared = magnitude > floor * magnitude.max(axis=(1, 2), keepdims=True)
     relative = np.full(truth.shape, np.nan)
-    relative[compared] = np.abs(found - truth)[compared] / magnitude[compared]
+    relative[compared] = np.abs(response - truth)[compared] / magnitude[compared]
     return ResponseError(frequency, relative, model.input_names, model.output_names)
 
 

@@ -297,19 +297,19 @@ def _bounds(
         ends = np.array([known.low, known.high])  # a narrow band may hold no other frequency
         frequency = np.unique(np.concatenate([frequency[known.holds(frequency)], ends]))
     search = WorstCases.of(feedback, uncertainty, frequency, settings, known)
-    found = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
-    possible = all(math.isfinite(one.replayed) or one.excluded for one in found)
-    if known is not None and possible and not all(one.linear for one in found):
+    by_axis = tuple(search.axis(axis, result.name) for axis, result in enumerate(axes))
+    possible = all(math.isfinite(one.replayed) or one.excluded for one in by_axis)
+    if known is not None and possible and not all(one.linear for one in by_axis):
         search = WorstCases.of(feedback, uncertainty, frequency, settings, known, by_data=True)
-        found = tuple(search.axis_by_data(axis, one) for axis, one in enumerate(found))
+        by_axis = tuple(search.axis_by_data(axis, one) for axis, one in enumerate(by_axis))
     m, size = feedback.inputs, feedback.outputs
     into = np.eye(size, m + size, m)
     outputs = search.scaled(into, into.T, 0.5 * (settings.skew - 1.0) * np.eye(size))
     signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct) if len(uncertain.direct) else None
     small_gain, at = search.small_gain()
     if small_gain >= 1.0:
-        found = tuple(axis.unbounded() for axis in found)
-    if any(math.isinf(axis.sensitivity.value) for axis in found):
+        by_axis = tuple(axis.unbounded() for axis in by_axis)
+    if any(math.isinf(axis.sensitivity.value) for axis in by_axis):
         outputs = replace(outputs, value=math.inf)
         signals = None if signals is None else replace(signals, value=math.inf)
-    return Bounds(frequency, found, outputs, signals, search.gap(), search.poles(), small_gain, at)
+    return Bounds(frequency, by_axis, outputs, signals, search.gap(), search.poles(), small_gain, at)

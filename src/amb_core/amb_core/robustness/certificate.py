@@ -20,7 +20,7 @@ from amb_core.identification.validation import Validation, Verdict
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
 from amb_core.loop.known_controller import KnownController
-from amb_core.robustness.assessment import Assessment, assess_known, assess_loop
+from amb_core.robustness.assessment import Assessment, Bounds, assess_known, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
     MEASURED,
@@ -111,13 +111,13 @@ class Certificate(Result):
     @property
     def verdict(self) -> str:
         """One sentence; the bare word certified only where the model is validated without reservation."""
-        found = {check.name: check.finding for check in self.checks if not check.passed}
+        failed = {check.name: check.finding for check in self.checks if not check.passed}
         statement = self.statement
         if statement == "not certified":
-            return f"Not certified: {'; '.join(found.values())}.{self._own_terms}"
+            return f"Not certified: {'; '.join(failed.values())}.{self._own_terms}"
         if statement == "restricted":
-            only = ", predicted only" if MEASURED in found else ""
-            return f"Not certified as a whole{only}: {found[COVERED]}.{self._own_terms}"
+            only = ", predicted only" if MEASURED in failed else ""
+            return f"Not certified as a whole{only}: {failed[COVERED]}.{self._own_terms}"
         assert self.assessment is not None
         assert self.assessment.bounds is not None
         zone = max((item.zone for item in self.assessment.bounds.axes), key=ZONES.index)
@@ -125,7 +125,7 @@ class Certificate(Result):
         words = {
             "certified": "Certified",
             "certified with reservations": "Certified with reservations on the model",
-            "predicted": f"Predicted, not certified, since {found.get(MEASURED)}",
+            "predicted": f"Predicted, not certified, since {failed.get(MEASURED)}",
         }
         return (
             f"{words[statement]}: stable, zone {zone} after ISO 14839-3 with {percent}, and stable under all assumed "
@@ -269,9 +269,23 @@ def _validated(validation: Validation | None) -> Check:
 
 
 def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known: KnownBand | None) -> list[Check]:
-    settings, bounds, mu = assessment.settings, assessment.bounds, assessment.mu
-    percent = f"{100.0 * settings.confidence:g} %"
-    checks = [
+    checks = _perturbation_checks(assessment)
+    if uncertainty is None:
+        return [*checks, Check("the uncertainty of the model is known", False, "no data of the model are given")]
+    if known is not None:
+        checks += [
+            *band_checks(assessment, known),
+            assumption_check(assessment.feedback, uncertainty, known, assessment.settings),
+        ]
+    if assessment.bounds is not None:
+        checks += _ellipsoid_checks(assessment.bounds, uncertainty, assessment.settings)
+    return checks
+
+
+def _perturbation_checks(assessment: Assessment) -> list[Check]:
+    """What the loop of the model itself bears."""
+    mu = assessment.mu
+    return [
         Check(
             "all assumed perturbations together leave the loop stable",
             mu.upper < 1.0,
@@ -287,16 +301,15 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
             else "no perturbation was found that makes the loop unstable",
         ),
     ]
-    if uncertainty is None:
-        return [*checks, Check("the uncertainty of the model is known", False, "no data of the model are given")]
-    if known is not None:
-        checks += [*band_checks(assessment, known), assumption_check(assessment.feedback, uncertainty, known, settings)]
-    if bounds is None:
-        return checks
+
+
+def _ellipsoid_checks(bounds: Bounds, uncertainty: ModelUncertainty, settings: RobustnessSettings) -> list[Check]:
+    """What the models that the data allow say of the loop."""
+    percent = f"{100.0 * settings.confidence:g} %"
     worst = max(bounds.axes, key=lambda item: item.sensitivity.value)
     zone = max((item.zone for item in bounds.axes), key=ZONES.index)
     undecided = uncertainty.at_one
-    checks += [
+    checks = [
         Check("the data decide which poles of the plant are stable", not undecided, undecided or "they do"),
         Check(
             "the model is the one that explains its data best",
@@ -339,17 +352,17 @@ def _share(worst: AxisBounds) -> str:
 
 
 def _warnings(validation: Validation | None, uncertainty: ModelUncertainty | None) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if uncertainty is not None and not uncertainty.white:
-        found.append(
+        warnings.append(
             f"the innovations scatter {uncertainty.inflation:.3g} times as much as white ones would: the order is too "
             "low or the data were not those of a linear plant; "
             + ("bounds use the measured scatter" if uncertainty.robust else "bounds are too narrow")
         )
     if validation is not None:
-        found += [f"reservation on the model: {one.name}: {one.finding}" for one in validation.failed]
-        found.append(f"linearity of the data: {validation.evidence.brief}")
-    return tuple(found)
+        warnings += [f"reservation on the model: {one.name}: {one.finding}" for one in validation.failed]
+        warnings.append(f"linearity of the data: {validation.evidence.brief}")
+    return tuple(warnings)
 
 
 def _motion_not_compared(amplitude: Mapping[str, float]) -> str:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.results import plain
-from amb_core.robustness.assessment import Assessment
+from amb_core.robustness.assessment import Assessment, AxisResult, Bounds
 from amb_core.robustness.certificate import Certificate
+from amb_core.robustness.known_band import KnownBand
 from amb_core.robustness.measured import MeasuredSensitivity
 
 
@@ -50,81 +51,94 @@ def _values(certificate: Certificate) -> dict[str, Any]:
         **(certificate.trace.values() if certificate.trace is not None else {}),
     }
     if certificate.known is not None:
-        values["band"] = {
-            "low": certificate.known.low,
-            "high": certificate.known.high,
-            "whole": certificate.known.whole,
-            "slower": certificate.known.slower,
-            "beyond": certificate.known.beyond,
-        }
-    found = certificate.assessment
-    if found is None:
+        values["band"] = _band_values(certificate.known)
+    assessment = certificate.assessment
+    if assessment is None:
         return values
     if certificate.measured is not None:
-        values["measured"] = compared_values(certificate.measured, found)
-    values["axes"] = {
-        axis.name: {
-            "peak_sensitivity": _peak(axis.sensitivity),
-            "peak_complementary": _peak(axis.complementary),
-            "gain_margin_up": _peak(axis.margins.gain_up),
-            "gain_margin_down": _peak(axis.margins.gain_down),
-            "phase_margin_degrees": _peak(axis.margins.phase, 180.0 / math.pi),
-            "delay_margin_seconds": _peak(axis.margins.delay),
-            "disk_margin": axis.disk.guaranteed,
-            "zone_iso_14839_3": axis.zone,
-        }
-        for axis in found.axes
+        values["measured"] = compared_values(certificate.measured, assessment)
+    values |= {
+        "axes": {axis.name: _axis_values(axis) for axis in assessment.axes},
+        "peak_sensitivity": _peak(assessment.sensitivity),
+        "peak_complementary": _peak(assessment.complementary),
+        "disk_margins": [
+            {"where": one.where, "guaranteed": one.guaranteed, "broken": one.broken, "frequency": one.frequency}
+            for one in assessment.disks
+        ],
+        "mu": _mu_values(assessment),
     }
-    values["peak_sensitivity"], values["peak_complementary"] = _peak(found.sensitivity), _peak(found.complementary)
-    values["disk_margins"] = [
-        {"where": one.where, "guaranteed": one.guaranteed, "broken": one.broken, "frequency": one.frequency}
-        for one in found.disks
-    ]
-    values["mu"] = {
-        "upper": found.mu.upper,
-        "lower": found.mu.lower,
-        "gap": found.mu.gap,
-        "frequency": found.mu.frequency,
-        "worst_case": {
-            "frequency": found.mu.lower_frequency,
-            "distance_from_unit_circle": found.on_circle,
-            "perturbation": {
-                block.name: [value.real, value.imag]
-                for block, value in zip(found.uncertain.blocks, found.mu.perturbation.tolist(), strict=False)
-            },
-        },
-    }
-    if found.bounds is not None:
-        values["bounds"] = {
-            "confidence": found.settings.confidence,
-            "axes": {
-                one.name: {
-                    "peak_sensitivity": one.sensitivity.value,
-                    "peak_complementary": one.complementary.value,
-                    "disk_margin": 1.0 / one.disk.value,
-                    "peak_sensitivity_all_parameters": one.sensitivity_of_all.value,
-                    "zone_iso_14839_3": one.zone,
-                }
-                for one in found.bounds.axes
-            },
-            "disk_margin_outputs": 1.0 / found.bounds.outputs.value,
-            "small_gain": found.bounds.small_gain,
-            "nu_gap": found.bounds.gap.worst.value,
-            "stability_margin_b": found.bounds.gap.margin,
-            "unstable_poles": [
-                {
-                    "poles": [[pole.real, pole.imag] for pole in one.poles.tolist()],
-                    "magnitude": [one.lowest, one.highest],
-                }
-                for one in found.bounds.poles
-            ],
-        }
+    if assessment.bounds is not None:
+        values["bounds"] = {"confidence": assessment.settings.confidence, **_bound_values(assessment.bounds)}
     return values
 
 
-def compared_values(measured: MeasuredSensitivity, found: Assessment) -> dict[str, Any]:
+def _band_values(known: KnownBand) -> dict[str, Any]:
+    return {
+        "low": known.low,
+        "high": known.high,
+        "whole": known.whole,
+        "slower": known.slower,
+        "beyond": known.beyond,
+    }
+
+
+def _axis_values(axis: AxisResult) -> dict[str, Any]:
+    return {
+        "peak_sensitivity": _peak(axis.sensitivity),
+        "peak_complementary": _peak(axis.complementary),
+        "gain_margin_up": _peak(axis.margins.gain_up),
+        "gain_margin_down": _peak(axis.margins.gain_down),
+        "phase_margin_degrees": _peak(axis.margins.phase, 180.0 / math.pi),
+        "delay_margin_seconds": _peak(axis.margins.delay),
+        "disk_margin": axis.disk.guaranteed,
+        "zone_iso_14839_3": axis.zone,
+    }
+
+
+def _mu_values(assessment: Assessment) -> dict[str, Any]:
+    mu = assessment.mu
+    return {
+        "upper": mu.upper,
+        "lower": mu.lower,
+        "gap": mu.gap,
+        "frequency": mu.frequency,
+        "worst_case": {
+            "frequency": mu.lower_frequency,
+            "distance_from_unit_circle": assessment.on_circle,
+            "perturbation": {
+                block.name: [value.real, value.imag]
+                for block, value in zip(assessment.uncertain.blocks, mu.perturbation.tolist(), strict=False)
+            },
+        },
+    }
+
+
+def _bound_values(bounds: Bounds) -> dict[str, Any]:
+    return {
+        "axes": {
+            one.name: {
+                "peak_sensitivity": one.sensitivity.value,
+                "peak_complementary": one.complementary.value,
+                "disk_margin": 1.0 / one.disk.value,
+                "peak_sensitivity_all_parameters": one.sensitivity_of_all.value,
+                "zone_iso_14839_3": one.zone,
+            }
+            for one in bounds.axes
+        },
+        "disk_margin_outputs": 1.0 / bounds.outputs.value,
+        "small_gain": bounds.small_gain,
+        "nu_gap": bounds.gap.worst.value,
+        "stability_margin_b": bounds.gap.margin,
+        "unstable_poles": [
+            {"poles": [[pole.real, pole.imag] for pole in one.poles.tolist()], "magnitude": [one.lowest, one.highest]}
+            for one in bounds.poles
+        ],
+    }
+
+
+def compared_values(measured: MeasuredSensitivity, assessment: Assessment) -> dict[str, Any]:
     """The measured sensitivity and its difference from the model's up to 1 kHz, where it is comparable."""
-    difference = np.abs(measured.difference_db(found.feedback))
+    difference = np.abs(measured.difference_db(assessment.feedback))
     compared = measured.frequency[measured.comparable()]
     return {
         "method": measured.method,

@@ -69,25 +69,29 @@ def band_checks(assessment: Assessment, known: KnownBand) -> list[Check]:
         ),
     ]
     worst = max(item.sensitivity.value for item in bounds.axes)
+    return [*checks, Check(COVERED, known.whole, _beyond(known, worst, settings))]
+
+
+def _beyond(known: KnownBand, worst: float, settings: RobustnessSettings) -> str:
+    """What is stated beyond the band of the data, `worst` being the largest sensitivity in it."""
     percent = f"{100.0 * settings.confidence:g} %"
     assumed = (
         f"modes of damping ratio {settings.mode_damping:g} or more and {settings.mode_gain:g} times the rotor's own "
         "motion or less"
     )
-    finding = f"data {known.text}; beyond, {assumed} use up {known.beyond:.2g} of what the loop tolerates"
-    if not known.whole:
-        sides = [side for side, reached in (("below", known.reaches_down), ("above", known.reaches_up)) if not reached]
-        finding = (
-            f"sensitivity at most {worst:.3f} {known.text} with {percent}; no statement {' or '.join(sides)}, nor on "
-            f"stability: {assumed} could take {known.beyond:.2g} times what the loop tolerates there"
+    if known.whole:
+        return f"data {known.text}; beyond, {assumed} use up {known.beyond:.2g} of what the loop tolerates"
+    if known.reaches_up:
+        return (
+            f"sensitivity at most {worst:.3f} from {known.low:.3g} Hz with {percent}; no statement below, nor on "
+            f"stability: slower modes could take {known.slower:.2g} times what the loop tolerates there; excite "
+            "lower frequencies"
         )
-        if known.reaches_up:
-            finding = (
-                f"sensitivity at most {worst:.3f} from {known.low:.3g} Hz with {percent}; no statement below, nor on "
-                f"stability: slower modes could take {known.slower:.2g} times what the loop tolerates there; excite "
-                "lower frequencies"
-            )
-    return [*checks, Check(COVERED, known.whole, finding)]
+    sides = [side for side, reached in (("below", known.reaches_down), ("above", known.reaches_up)) if not reached]
+    return (
+        f"sensitivity at most {worst:.3f} {known.text} with {percent}; no statement {' or '.join(sides)}, nor on "
+        f"stability: {assumed} could take {known.beyond:.2g} times what the loop tolerates there"
+    )
 
 
 def assumption_check(
@@ -97,7 +101,7 @@ def assumption_check(
 
     A mode of the model below what the data leave open is none that they show.
     """
-    model, found = uncertainty.model, []
+    model, contradictions = uncertainty.model, []
     values, vectors = np.linalg.eig(model.a)
     seen, driven = model.c @ vectors, np.linalg.pinv(vectors) @ model.b
     for pole, spread in zip(model.poles(), uncertainty.pole_deviations(), strict=True):
@@ -112,16 +116,20 @@ def assumption_check(
         peak = np.outer(seen[:, number], driven[number]) / (1.0 - abs(pole)) @ feedback.action(at)[0]
         shown, both = (0.0, 0.0) if known.band is None else (float(part[0]) for part in known.band.within(at))
         if np.linalg.norm(peak, 2) > both - shown:
-            found.append(f"the mode at {frequency:.4g} Hz has {damping:.3g} ± {open_:.1g}")
+            contradictions.append(f"the mode at {frequency:.4g} Hz has {damping:.3g} ± {open_:.1g}")
     lacking = [] if known.band is None else known.band.narrower.tolist()
-    found += [
+    contradictions += [
         f"the mode that the model lacks at {frequency:.4g} Hz has less"
         for frequency in lacking
         if known.low <= frequency <= known.high
     ]
     name = "the data do not contradict the assumed least damping of modes"
     return Check(
-        name, not found, f"{', '.join(found)}; assumed: at least {settings.mode_damping:g}" if found else "they do not"
+        name,
+        not contradictions,
+        f"{', '.join(contradictions)}; assumed: at least {settings.mode_damping:g}"
+        if contradictions
+        else "they do not",
     )
 
 

@@ -77,13 +77,13 @@ class ErrorBand:
         middle = np.sqrt(frequency[:-1] * frequency[1:])
         edges = np.searchsorted(self.frequency, np.concatenate([frequency[:1], middle, frequency[-1:]]))
         below = np.clip(np.searchsorted(self.frequency, frequency, side="right") - 1, 0, None)
-        found = []
+        largest = []
         for values in (self.shown, self.shown + self.open):
             at = values[below]
             cells = itertools.pairwise(edges)
             parts = [float(values[low:high].max(initial=0.0)) for low, high in cells]
-            found.append(np.maximum(at, parts))
-        return found[0], found[1]
+            largest.append(np.maximum(at, parts))
+        return largest[0], largest[1]
 
 
 def error_band(

@@ -105,7 +105,7 @@ def certify_from_data(
     measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law)
     remarks += clearances
     progress("margins, worst cases and bounds")
-    found = certify(
+    certificate = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
         measured=measured, displacement=displacement,
         records=() if identified_from is None or judged is identified_from else (identified_from.data,),
@@ -113,7 +113,7 @@ def certify_from_data(
     )  # fmt: skip
     if uncertainty is not None and uncertainty.widened:
         remarks += (uncertainty.widened,)
-    return replace(found, warnings=(*found.warnings, *remarks))
+    return replace(certificate, warnings=(*certificate.warnings, *remarks))
 
 
 def _given(

@@ -32,17 +32,17 @@ def sha256_of(path: str | Path) -> str:
     RobustnessError
         If it cannot be read.
     """
-    place, found = Path(path), hashlib.sha256()
+    place, digest = Path(path), hashlib.sha256()
     try:
         files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
         for file in files:
             if place.is_dir():
-                found.update(str(file.relative_to(place)).encode())
+                digest.update(str(file.relative_to(place)).encode())
             with file.open("rb") as content:
-                found.update(hashlib.file_digest(content, "sha256").digest())
+                digest.update(hashlib.file_digest(content, "sha256").digest())
     except OSError as problem:
         raise RobustnessError(f"{place}: cannot be read: {problem.strerror}") from None
-    return found.hexdigest()
+    return digest.hexdigest()
 
 
 def sha256_of_model(model: StateSpaceModel) -> str:
@@ -103,8 +103,8 @@ def sha256_of_controller(controller: KnownController) -> str:
 
 
 def _sha256(arrays: tuple[np.ndarray, ...]) -> str:
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for array in arrays:
-        found.update(f"{array.shape}".encode())
-        found.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-    return found.hexdigest()
+        digest.update(f"{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+    return digest.hexdigest()

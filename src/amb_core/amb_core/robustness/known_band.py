@@ -95,12 +95,12 @@ class KnownBand:
         assert self.band is not None
         above = frequency > self.high
         at = np.clip(frequency, self.low, self.high)
-        found, action = self.band.within(at)[1], feedback.action(at)
+        error, action = self.band.within(at)[1], feedback.action(at)
         action[above] = np.eye(feedback.inputs)
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
-            found[above] = np.maximum(self._at_end(feedback), size + self._of_class(frequency[above]))
-        return found, action
+            error[above] = np.maximum(self._at_end(feedback), size + self._of_class(frequency[above]))
+        return error, action
 
     def _at_end(self, feedback: Feedback) -> float:
         """Size of D at the upper end of the band (m/A)."""
@@ -147,11 +147,11 @@ def known_band(
     mass = float(np.median(np.linalg.norm(feedback.plant.response(octave), 2, axis=(1, 2)) * octave**2))
     slower = _slow_modes(feedback, low, settings)
     reaches_down = low <= BELOW * float(frequency[peak]) and (noise_explained or slower < 1.0)
-    found = KnownBand(low, high, reaches_down, True, slower, 0.0, band, mass, settings)
+    known = KnownBand(low, high, reaches_down, True, slower, 0.0, band, mass, settings)
     rest = np.geomspace(high, 0.5 / feedback.plant.sample_time, 500)[1:]
     by_action = np.linalg.norm(feedback.action(rest), 2, axis=(1, 2))
-    beyond = float(np.max(by_action * found.error(feedback, rest)[0]))
-    return replace(found, reaches_up=beyond < 1.0, beyond=beyond)
+    beyond = float(np.max(by_action * known.error(feedback, rest)[0]))
+    return replace(known, reaches_up=beyond < 1.0, beyond=beyond)
 
 
 def _slow_modes(feedback: Feedback, low: float, settings: RobustnessSettings) -> float:

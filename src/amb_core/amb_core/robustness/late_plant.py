@@ -70,21 +70,21 @@ def late_uncertainty(uncertainty: ModelUncertainty, fraction: float) -> ModelUnc
         moved[:n] = np.hstack([of_a, of_b])
         both = np.block([[x, moved], [np.zeros((size, size)), x]])
         of_b_0[number] = _held_part(both, fraction)[:n, size + n :]
-    found = Directions(
+    directions = Directions(
         np.array([_beside(*one) for one in zip(changes.a, changes.b - of_b_0, strict=True)]),
         np.concatenate([of_b_0, np.zeros((changes.count, m, m))], axis=1),
         np.concatenate([changes.c, np.zeros((changes.count, model.outputs, m))], axis=2),
         np.concatenate([changes.k, np.zeros((changes.count, m, model.outputs))], axis=1),
     )
-    return replace(uncertainty, model=late, root=found.rows.T)
+    return replace(uncertainty, model=late, root=directions.rows.T)
 
 
 def _extended(a: Arrays, b: Arrays) -> Arrays:
     """[[A, B], [0, I]]."""
     n, m = b.shape
-    found = np.eye(n + m)
-    found[:n] = np.hstack([a, b])
-    return found
+    extended = np.eye(n + m)
+    extended[:n] = np.hstack([a, b])
+    return extended
 
 
 def _held_part(matrix: Arrays, fraction: float) -> Arrays:
@@ -95,6 +95,6 @@ def _held_part(matrix: Arrays, fraction: float) -> Arrays:
 def _beside(a: Arrays, from_held: Arrays) -> Arrays:
     """A with the effect of the held inputs, which the next sample replaces."""
     n, m = from_held.shape
-    found = np.zeros((n + m, n + m))
-    found[:n] = np.hstack([a, from_held])
-    return found
+    beside = np.zeros((n + m, n + m))
+    beside[:n] = np.hstack([a, from_held])
+    return beside

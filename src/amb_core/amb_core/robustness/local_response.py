@@ -79,7 +79,7 @@ def local_response(
     spectra = [spectrum_of(*item, sample_time) for item in experiments]
     references, signals = experiments[0][0].shape[1], experiments[0][1].shape[1]
     largest = np.max([np.mean(np.abs(r) ** 2, axis=0) for _, r, _ in spectra], axis=0)
-    found = []
+    solutions = []
     for at in frequency:
         excited = those_excited(spectra, at, 0.5 * BAND * at)
         unknowns = (ORDER + 1) * (references + len(excited))
@@ -89,12 +89,12 @@ def local_response(
         if at > half and np.all(power > LEAST_POWER * largest):
             solved = _solve(lines, at, half, signals)
             if solved is not None:
-                found.append((at, *solved))
-    if not found:
+                solutions.append((at, *solved))
+    if not solutions:
         raise RobustnessError(
             "the references determine the response at no frequency; excite each axis, one after the other"
         )
-    return LocalResponse(*(np.array(item) for item in zip(*found, strict=True)))
+    return LocalResponse(*(np.array(item) for item in zip(*solutions, strict=True)))
 
 
 Spectrum = tuple[Arrays, Complexes, Complexes]
@@ -158,14 +158,14 @@ def _solve(
     if np.abs(np.diagonal(r)).min() < LEAST_INDEPENDENCE:
         return None
     inverse = np.linalg.inv(r) / size[:, np.newaxis]
-    found = inverse @ (q.conj().T @ wanted)
+    coefficients = inverse @ (q.conj().T @ wanted)
     left = wanted - q @ (q.conj().T @ wanted)
     noise = left.T @ left.conj() / free
     p = columns // (ORDER + 1)
     spread = (inverse @ inverse.conj().T)[:p, :p]
     power = np.sum(np.abs(wanted) ** 2, axis=0)
     coherence = 1.0 - np.diagonal(noise).real * total / np.maximum(power, np.finfo(float).tiny)
-    return found[:p].T, noise, spread, np.clip(coherence, 0.0, 1.0)
+    return coefficients[:p].T, noise, spread, np.clip(coherence, 0.0, 1.0)
 
 
 def _polynomial(place: Arrays, values: Complexes | Arrays) -> Complexes:

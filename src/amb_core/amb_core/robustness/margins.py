@@ -175,10 +175,10 @@ def disk_margins(feedback: Feedback, frequency: Arrays, skew: float = 0.0) -> tu
         "inputs": feedback.input_sensitivity,
         "inputs and outputs": feedback.closed,
     }
-    found = {where: disk_peak(system, frequency, skew) for where, system in places.items()}
+    peaks = {where: disk_peak(system, frequency, skew) for where, system in places.items()}
     return tuple(
         DiskMargin(where, 1.0 / peak.upper, 1.0 / peak.lower if peak.lower else NONE, peak.frequency, skew)
-        for where, peak in found.items()
+        for where, peak in peaks.items()
     )
 
 

@@ -160,18 +160,20 @@ def measured_sensitivity(
     by_errors = _of_errors(controller)
     law = law_from_positions(controller.at_rate(data.sample_rate), len(data.output_names))
     averaged = estimate_over_periods(_with_errors(data) if by_errors else data)
-    found = _over_bands(data, law, by_errors, modes) if averaged is None else _over_periods(averaged, law, by_errors)
-    known = np.all(found.deviation <= LARGEST_ERROR * np.abs(found.own), axis=1)
+    sensitivity = (
+        _over_bands(data, law, by_errors, modes) if averaged is None else _over_periods(averaged, law, by_errors)
+    )
+    known = np.all(sensitivity.deviation <= LARGEST_ERROR * np.abs(sensitivity.own), axis=1)
     if not known.any():
         raise RobustnessError(
             "the data do not determine the sensitivity at any frequency; use a larger or longer excitation of each axis"
         )
     return replace(
-        found,
-        frequency=found.frequency[known],
-        response=found.response[known],
-        deviation=found.deviation[known],
-        coherence=found.coherence[known],
+        sensitivity,
+        frequency=sensitivity.frequency[known],
+        response=sensitivity.response[known],
+        deviation=sensitivity.deviation[known],
+        coherence=sensitivity.coherence[known],
     )
 
 
@@ -183,26 +185,26 @@ def _with_errors(data: IdentificationData) -> IdentificationData:
     )
 
 
-def _over_periods(found: NonparametricEstimate, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
+def _over_periods(estimate: NonparametricEstimate, law: LinearSystem, by_errors: bool) -> MeasuredSensitivity:
     """From the response of the plant, or that of the positions to the errors, averaged over periods."""
-    eye = np.eye(found.response.response.shape[1])
+    eye = np.eye(estimate.response.response.shape[1])
     if by_errors:
-        right: Complexes = np.broadcast_to(eye.astype(complex), found.response.response.shape)
+        right: Complexes = np.broadcast_to(eye.astype(complex), estimate.response.response.shape)
     else:
-        right = law.response(found.response.frequency)
-    sensitivity = np.linalg.inv(eye + found.response.response @ right)
+        right = law.response(estimate.response.frequency)
+    sensitivity = np.linalg.inv(eye + estimate.response.response @ right)
     # dS = -S dL S: independent errors of the elements of the estimate.
     size, behind = np.abs(sensitivity) ** 2, np.abs(right @ sensitivity) ** 2
-    variance = np.diagonal(size @ found.variance @ behind, axis1=1, axis2=2)
-    coherence = found.response.coherence
+    variance = np.diagonal(size @ estimate.variance @ behind, axis1=1, axis2=2)
+    coherence = estimate.response.coherence
     assert coherence is not None
     return MeasuredSensitivity(
-        tuple(found.response.output_names),
-        found.response.frequency,
+        tuple(estimate.response.output_names),
+        estimate.response.frequency,
         sensitivity.astype(np.complex128),
         np.sqrt(0.5 * variance),
         coherence,
-        f"{_METHODS[by_errors]}; {found.response.label}",
+        f"{_METHODS[by_errors]}; {estimate.response.label}",
     )
 
 
@@ -222,29 +224,29 @@ def _over_bands(
     experiments = experiments_of(data)
     longest = max(len(reference) for reference, _ in experiments) * data.sample_time
     wanted = np.geomspace(1.0 / longest, 0.5 / data.sample_time, FREQUENCIES + 1)[:-1]
-    found = local_response(experiments, data.sample_time, wanted)
-    found = with_sharp_peaks(found, experiments, data.sample_time, modes)
+    local = local_response(experiments, data.sample_time, wanted)
+    local = with_sharp_peaks(local, experiments, data.sample_time, modes)
     m, eye = len(data.input_names), np.eye(len(data.output_names))
     if by_errors:  # S = I - Y, with the response Y of the positions
-        sensitivity: Complexes = eye - found.response[:, m:]
-        noise: Complexes = found.noise[:, m:, m:]
+        sensitivity: Complexes = eye - local.response[:, m:]
+        noise: Complexes = local.noise[:, m:, m:]
         right: Complexes = np.broadcast_to(eye.astype(complex), sensitivity.shape)
     else:  # S = (I + G C)^-1, G = Y U^-1, dG = (dY - G dU) U^-1
-        to_inputs = np.linalg.inv(found.response[:, :m])
-        plant = found.response[:, m:] @ to_inputs
-        control = law.response(found.frequency)
+        to_inputs = np.linalg.inv(local.response[:, :m])
+        plant = local.response[:, m:] @ to_inputs
+        control = law.response(local.frequency)
         sensitivity = np.asarray(np.linalg.inv(eye + plant @ control))
         left = sensitivity @ np.concatenate([-plant, np.broadcast_to(eye, sensitivity.shape)], axis=2)
-        noise = left @ found.noise @ np.conj(np.swapaxes(left, 1, 2))
+        noise = left @ local.noise @ np.conj(np.swapaxes(left, 1, 2))
         right = to_inputs @ control @ sensitivity
-    spread = np.swapaxes(right, 1, 2) @ found.spread @ np.conj(right)
+    spread = np.swapaxes(right, 1, 2) @ local.spread @ np.conj(right)
     variance = (np.diagonal(part, axis1=1, axis2=2).real for part in (noise, spread))
     return MeasuredSensitivity(
         tuple(data.output_names),
-        found.frequency,
+        local.frequency,
         sensitivity.astype(np.complex128),
         np.sqrt(0.5 * np.prod(list(variance), axis=0)),
-        found.coherence[:, m:],
+        local.coherence[:, m:],
         f"{_METHODS[by_errors]}; local polynomials over frequency",
     )
 

@@ -120,11 +120,11 @@ def mu_peak(system: LinearSystem, blocks: Sequence[Block], frequency: Arrays) ->
     if np.all(real):  # mu of real perturbations alone may jump at frequencies at which the response is real
         frequency = np.concatenate([[0.0], frequency, [0.5 / system.sample_time]])
     curve, scalings = upper_curve(system.response(frequency), real)
-    found = [_refine(system, real, frequency, curve, scalings[place], place) for place in _summits(curve)]
-    found.sort(key=lambda item: item[0], reverse=True)
-    upper, at, _ = found[0]
+    peaks = [_refine(system, real, frequency, curve, scalings[place], place) for place in _summits(curve)]
+    peaks.sort(key=lambda item: item[0], reverse=True)
+    upper, at, _ = peaks[0]
     best = (0.0, at, np.zeros(0, dtype=np.complex128))
-    for _, one, scaling in found:
+    for _, one, scaling in peaks:
         if best[0] >= _CLOSE * upper:
             break
         best = max(best, lower_bound(system, real, one, upper, scaling=scaling), key=lambda item: item[0])
@@ -146,19 +146,19 @@ def _peak_of_blocks(system: LinearSystem, blocks: Blocks, frequency: Arrays) -> 
     if all(blocks.real):
         frequency = np.concatenate([[0.0], frequency, [0.5 / system.sample_time]])
     curve = np.array([upper(float(at))[0] for at in frequency])
-    found = []
+    bounds = []
     for place in _summits(curve):
         ends = frequency[max(place - 1, 0)], frequency[min(place + 1, len(frequency) - 1)]
         at = minimize_scalar(lambda one: -upper(float(one))[0], bounds=ends, method="bounded").x
-        found += [(upper(float(one)), float(one)) for one in (at, frequency[place])]
-    found.sort(key=lambda item: item[0][0], reverse=True)
-    best: tuple[float, float, Complexes] = (0.0, found[0][1], np.zeros(0, dtype=np.complex128))
-    for bound, at in found:
+        bounds += [(upper(float(one)), float(one)) for one in (at, frequency[place])]
+    bounds.sort(key=lambda item: item[0][0], reverse=True)
+    best: tuple[float, float, Complexes] = (0.0, bounds[0][1], np.zeros(0, dtype=np.complex128))
+    for bound, at in bounds:
         value, delta = lower_of_blocks(system.response(np.array([at]))[0], blocks, bound)
         if value > best[0]:
             best = value, at, delta
-    highest = max(found[0][0][0], best[0])
-    return MuPeak(highest, best[0], found[0][1], best[1], best[2], np.asarray(frequency), curve)
+    highest = max(bounds[0][0][0], best[0])
+    return MuPeak(highest, best[0], bounds[0][1], best[1], best[2], np.asarray(frequency), curve)
 
 
 def _summits(curve: Arrays) -> list[int]:

@@ -58,10 +58,10 @@ def upper_of_blocks(matrix: Complexes, blocks: Blocks) -> tuple[float, Complexes
     scaled, basis = matrix / size, _basis(blocks)
     best, at = 1.0, np.concatenate([np.zeros(len(basis.of_t)), np.zeros(len(basis.of_g))])
     for sharp in SHARPNESS:
-        found = minimize(_smooth, at, (scaled, basis, sharp), jac=True, method="L-BFGS-B", options={"maxiter": _STEPS})
-        value = _bound(scaled, *basis.scalings(found.x))
+        search = minimize(_smooth, at, (scaled, basis, sharp), jac=True, method="L-BFGS-B", options={"maxiter": _STEPS})
+        value = _bound(scaled, *basis.scalings(search.x))
         if value <= best:
-            best, at = value, found.x
+            best, at = value, search.x
     t, g = basis.scalings(at)
     return best * size, t, g * size
 
@@ -79,7 +79,7 @@ def lower_of_blocks(
     for number in range(len(starts) + _PROGRAMS):
         start = starts[number] if number < len(starts) else _random_start(blocks, random)
         eigenvalue = _Eigenvalue(matrix, blocks)
-        found = minimize(
+        search = minimize(
             lambda at, own=eigenvalue: own.part(at, -1.0), start, jac=True, method="SLSQP", bounds=limits,
             constraints={
                 "type": "eq",
@@ -88,7 +88,7 @@ def lower_of_blocks(
             },
             options={"maxiter": _STEPS, "ftol": 1e-12},
         )  # fmt: skip
-        value, q = eigenvalue.at(found.x)[0], _perturbation(blocks, found.x)
+        value, q = eigenvalue.at(search.x)[0], _perturbation(blocks, search.x)
         if value.real > best and abs(value.imag) < _REAL * value.real:
             best, delta = value.real, q / value.real
         if best >= (1.0 - _ENOUGH) * upper[0]:
@@ -127,23 +127,23 @@ def _basis(blocks: Blocks) -> _Basis:
 
 
 def _hermitians(size: int) -> list[Complexes]:
-    found = []
+    basis = []
     for row in range(size):
         for column in range(row, size):
             one = np.zeros((size, size), dtype=np.complex128)
             one[row, column] = one[column, row] = 1.0
-            found.append(one)
+            basis.append(one)
             if column > row:
                 turned = np.zeros((size, size), dtype=np.complex128)
                 turned[row, column], turned[column, row] = 1j, -1j
-                found.append(turned)
-    return found
+                basis.append(turned)
+    return basis
 
 
 def _at(n: int, part: slice, block: Complexes | Arrays) -> Complexes:
-    found = np.zeros((n, n), dtype=np.complex128)
-    found[part, part] = block
-    return found
+    padded = np.zeros((n, n), dtype=np.complex128)
+    padded[part, part] = block
+    return padded
 
 
 def _hermitian(matrix: Complexes, t: Complexes, g: Complexes) -> tuple[Complexes, Complexes]:
@@ -191,7 +191,7 @@ def _dual_starts(
     bound, t, g = upper
     scaled, hermitian = _hermitian(matrix, t, g)
     values, vectors = np.linalg.eigh(hermitian)
-    found = []
+    starts = []
     for share in _NEAR:
         space = vectors[:, values >= values[-1] - share * abs(values[-1])]
         v = space @ (random.normal(size=(space.shape[1], 2)) @ np.array([1.0, 1j]))
@@ -203,8 +203,8 @@ def _dual_starts(
                 unknown.append(np.clip([bound * float((y[part].conj() @ v[part]).real) / size], -1.0, 1.0))
             else:
                 unknown += [np.asarray(one) for z in (v[part], y[part]) for one in (z.real, z.imag)]
-        found.append(np.concatenate(unknown))
-    return found
+        starts.append(np.concatenate(unknown))
+    return starts
 
 
 def _random_start(blocks: Blocks, random: np.random.Generator) -> Arrays:
@@ -264,11 +264,11 @@ class _Eigenvalue:
         return self.kept[1], self.kept[2]
 
     def _slope(self, unknown: Arrays, by_q: Complexes) -> Complexes:
-        found, place = [], 0
+        slopes, place = [], 0
         for part, real in self.blocks.parts:
             size = part.stop - part.start
             if real:
-                found.append(np.array([np.trace(by_q[part, part])]))
+                slopes.append(np.array([np.trace(by_q[part, part])]))
                 place += 1
                 continue
             values = unknown[place : place + 4 * size]
@@ -277,11 +277,11 @@ class _Eigenvalue:
             lengths = np.linalg.norm(a + 1j * b), np.linalg.norm(c + 1j * d)
             by_x, by_y = (y.conj() @ block) / lengths[0], (block @ x) / lengths[1]
             value = y.conj() @ block @ x
-            found += [
+            slopes += [
                 by_x - value * x.real / lengths[0],
                 1j * by_x - value * x.imag / lengths[0],
                 by_y - value * y.real / lengths[1],
                 -1j * by_y - value * y.imag / lengths[1],
             ]
             place += 4 * size
-        return np.concatenate(found)
+        return np.concatenate(slopes)

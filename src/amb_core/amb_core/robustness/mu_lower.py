@@ -40,7 +40,7 @@ _MULTIPLE = 1e-13  # product of left and right eigenvector at most, of an eigenv
 _REAL = 1e-9  # imaginary part at most, relative, of an eigenvalue that is taken as real
 _ENOUGH = 1e-4  # a lower bound so close to the upper one ends the search over real perturbations, relative
 
-Found = tuple[float, float, Complexes]
+LowerBound = tuple[float, float, Complexes]
 
 
 def lower_bound(
@@ -51,7 +51,7 @@ def lower_bound(
     seed: int = 0,
     scaling: Arrays | None = None,
     programs: int = _PROGRAMS,
-) -> Found:
+) -> LowerBound:
     """Lower bound of mu near a frequency.
 
     Parameters
@@ -87,17 +87,17 @@ def lower_bound(
     scaled = system.scaled(scale / size, 1.0 / scale)
     random = np.random.default_rng(seed)
     if not np.any(real):
-        found = _aligned(scaled, frequency, random)
+        largest = _aligned(scaled, frequency, random)
     else:
         starts = [] if scaling is None else _dual_starts(matrix, real, scaling, random)
-        found = _programmed(scaled, real, frequency, upper / size * (1.0 - _ENOUGH), random, starts, programs)
-    value, at, q = found
+        largest = _programmed(scaled, real, frequency, upper / size * (1.0 - _ENOUGH), random, starts, programs)
+    value, at, q = largest
     if value <= 0.0:
         return 0.0, frequency, np.zeros(0, dtype=np.complex128)
     return value * size, at, q / (value * size)
 
 
-def _aligned(system: LinearSystem, frequency: float, random: np.random.Generator) -> Found:
+def _aligned(system: LinearSystem, frequency: float, random: np.random.Generator) -> LowerBound:
     """The largest eigenvalue of M Q found with |q_i| = 1, and Q turned so that it is real; all starts at once."""
     matrix = system.response(np.array([frequency]))[0]
     n, tiny = len(matrix), np.finfo(float).tiny
@@ -202,7 +202,7 @@ def _dual_starts(
     scaled, hermitian = hermitian_of(matrix, scaling)
     values, vectors = np.linalg.eigh(hermitian)
     bound = np.sqrt(max(float(values[-1]), 0.0))
-    found = []
+    starts = []
     for share in _TOPS:
         space = vectors[:, values >= (1.0 - share) * values[-1]]
         for _ in range(1 if space.shape[1] == 1 else _COMBINATIONS):
@@ -210,8 +210,8 @@ def _dual_starts(
             y = scaled @ v
             ratio = v * y.conj() / (np.abs(y) ** 2 + np.finfo(float).tiny)
             phase = ratio / (np.abs(ratio) + np.finfo(float).tiny)
-            found.append(np.where(real, np.clip(bound * ratio.real, -1.0, 1.0), phase))
-    return found
+            starts.append(np.where(real, np.clip(bound * ratio.real, -1.0, 1.0), phase))
+    return starts
 
 
 def _programmed(
@@ -222,12 +222,12 @@ def _programmed(
     random: np.random.Generator,
     starts: list[Complexes],
     programs: int,
-) -> Found:
+) -> LowerBound:
     """The largest real eigenvalue of M Q over Q, and over frequencies about one if all perturbations are real."""
     count, n, half = int(real.sum()), len(real), 0.5 / system.sample_time
     at_end = frequency <= 0.0 or frequency >= half  # M is real: so are the eigenvalues of M Q that count
     moving = count == n and not at_end
-    best: Found = (0.0, frequency, np.zeros(0, dtype=np.complex128))
+    best: LowerBound = (0.0, frequency, np.zeros(0, dtype=np.complex128))
     limits: list[tuple[float | None, float | None]] = [(-1.0, 1.0)] * count
     limits += [(None, None)] * (n - count)
     if moving:
@@ -241,11 +241,11 @@ def _programmed(
             phases = random.uniform(0.0, 2.0 * np.pi, n - count)
         unknown = np.concatenate([corner, phases, np.ones(int(moving))])
         try:
-            found = _solved(eigenvalue, unknown, limits, constrained=not (at_end and count == n))
+            solution = _solved(eigenvalue, unknown, limits, constrained=not (at_end and count == n))
         except np.linalg.LinAlgError:  # a multiple eigenvalue: another start
             continue
-        if found[0] > best[0]:
-            best = found
+        if solution[0] > best[0]:
+            best = solution
         if best[0] >= enough:
             break
     return best
@@ -253,7 +253,7 @@ def _programmed(
 
 def _solved(
     eigenvalue: _Eigenvalue, unknown: Arrays, limits: list[tuple[float | None, float | None]], constrained: bool
-) -> Found:
+) -> LowerBound:
     """A local optimum, with an eigenvalue that is real to rounding; 0 if there is none."""
     count = int(eigenvalue.real.sum())
     phases = slice(count, len(eigenvalue.real))
@@ -261,7 +261,7 @@ def _solved(
     unknown[phases] -= np.angle(first)
     eigenvalue.followed = complex(abs(first)) if count < len(eigenvalue.real) else first
 
-    found = minimize(
+    search = minimize(
         eigenvalue.real_part,
         unknown,
         jac=True,
@@ -276,7 +276,7 @@ def _solved(
         else (),
         options={"maxiter": _STEPS, "ftol": 1e-10},
     )
-    at = found.x.copy()
+    at = search.x.copy()
     at[:count] = np.clip(at[:count], -1.0, 1.0)
     value, slope = eigenvalue.at(at)
     for _ in range(_NEWTON if constrained else 0):  # in the common phase, or in the frequency

@@ -130,9 +130,9 @@ def scalings(
     n = len(matrix)
     own = np.concatenate([2.0 * np.log(balancing(matrix)), np.zeros(n)])
     starts = np.array([own if start is None else start, own])
-    found = scaled_bounds(np.array([matrix, matrix]), starts)
-    at = starts[int(np.argmin(found))]
-    largest = float(found.min())
+    bounds = scaled_bounds(np.array([matrix, matrix]), starts)
+    at = starts[int(np.argmin(bounds))]
+    largest = float(bounds.min())
     if largest == 0.0:
         return 0.0, at
     relative = np.concatenate([np.ones(n), np.full(n, largest)])  # g has the unit of M
@@ -164,9 +164,9 @@ def balancing(matrices: Complexes, sweeps: int = 6) -> Arrays:
 def _spread(matrices: Complexes, bounds: Arrays, points: Arrays, place: int, point: Arrays) -> None:
     """Take scalings over to the frequencies around a place where they lower the bound."""
     near = slice(max(place - _EVERY, 0), place + _EVERY + 1)
-    found = scaled_bounds(matrices[near], point)
-    better = found < bounds[near]
-    bounds[near] = np.where(better, found, bounds[near])
+    lower = scaled_bounds(matrices[near], point)
+    better = lower < bounds[near]
+    bounds[near] = np.where(better, lower, bounds[near])
     points[near] = np.where(better[:, np.newaxis], point, points[near])
 
 
@@ -188,17 +188,17 @@ def _searched(
         return best, at
 
     def whole(point: Arrays) -> Arrays:
-        found = start.copy()
-        found[free] = point
-        return found
+        scales = start.copy()
+        scales[free] = point
+        return scales
 
     def cost(point: Arrays, sharp: float) -> tuple[float, Arrays]:
         value, slope = _smooth(matrix, whole(point), sharp)
         return value, slope[free]
 
     for sharp in sharpness:
-        found = minimize(cost, at[free], (sharp,), jac=True, method="L-BFGS-B", options={"maxiter": steps})
-        trial = whole(found.x)
+        search = minimize(cost, at[free], (sharp,), jac=True, method="L-BFGS-B", options={"maxiter": steps})
+        trial = whole(search.x)
         value = float(scaled_bounds(matrix[np.newaxis], trial)[0])
         if value < best:
             best, at = value, trial

@@ -62,19 +62,19 @@ class RobustnessSettings(Parameters):
     @property
     def own_terms(self) -> str:
         """In which of the limits that decide these settings differ from the standards'; empty if in none."""
-        found = []
+        terms = []
         for what, limits, usual in (
             ("ISO 14839-3", self.sensitivity_limits, SENSITIVITY_LIMITS),
             ("ISO 14839-2", self.displacement_limits, DISPLACEMENT_LIMITS),
         ):
             if limits != usual:
                 own, theirs = (", ".join(f"{limit:g}" for limit in one) for one in (limits, usual))
-                found.append(f"zones end at {own}, not at the {theirs} of {what}")
+                terms.append(f"zones end at {own}, not at the {theirs} of {what}")
         if self.needed_zone != "A":
-            found.append(f"zone {self.needed_zone} is taken as enough")
+            terms.append(f"zone {self.needed_zone} is taken as enough")
         if self.confidence < USUAL_CONFIDENCE:
-            found.append(f"the confidence is {100.0 * self.confidence:g} % only")
-        return "; ".join(found)
+            terms.append(f"the confidence is {100.0 * self.confidence:g} % only")
+        return "; ".join(terms)
 
     @property
     def sensitivity_limits(self) -> tuple[float, float, float]:

@@ -65,7 +65,7 @@ class _Fit:
     """Least squares at a place: coefficients by column, what is left of each signal, and how much of it is free."""
 
     columns: Complexes
-    found: Complexes
+    coefficients: Complexes
     covariance: Complexes
     left: Complexes
     free: int
@@ -107,14 +107,14 @@ def sharp_modes(
         inner = scores[1:-1]
         tops = np.flatnonzero((inner > _SIGNIFICANT) & (inner >= scores[:-2]) & (inner > scores[2:])) + 1
         seen += [SharpMode(float(scanned[top]), zeta, float(scores[top])) for top in tops]
-    found: list[SharpMode] = []
+    modes: list[SharpMode] = []
     for start in sorted(seen, key=lambda item: -item.score):
-        if _is_known(start.frequency, found, damping):
+        if _is_known(start.frequency, modes, damping):
             continue
         mode = _fitted(spectra, start, damping, largest)
-        if mode is not None and not _is_known(mode.frequency, found, damping):
-            found.append(mode)
-    return sorted(found, key=lambda item: item.frequency)
+        if mode is not None and not _is_known(mode.frequency, modes, damping):
+            modes.append(mode)
+    return sorted(modes, key=lambda item: item.frequency)
 
 
 def sharp_response(
@@ -129,14 +129,14 @@ def sharp_response(
     reach = mode.damping * np.linspace(-3.0, 3.0, _POINTS)
     references = spectra[0][1].shape[1]
     shape = np.stack([1.0 / (1.0 + 1j * reach / mode.damping), np.ones(_POINTS), reach, reach**2], axis=1)
-    by_reference = np.zeros((_POINTS, references, len(fit.found)), dtype=np.complex128)
+    by_reference = np.zeros((_POINTS, references, len(fit.coefficients)), dtype=np.complex128)
     for reference in range(references):
         by_reference[:, reference, 4 * reference : 4 * reference + 4] = shape
-    response = by_reference @ fit.found
+    response = by_reference @ fit.coefficients
     noise = fit.left.T @ fit.left.conj() / fit.free
     spread = by_reference @ fit.covariance @ by_reference.conj().swapaxes(1, 2)
     signals = noise.shape[0]
-    total = np.sum(np.abs(fit.left + fit.columns @ fit.found) ** 2, axis=0)
+    total = np.sum(np.abs(fit.left + fit.columns @ fit.coefficients) ** 2, axis=0)
     coherence = np.clip(1.0 - fit.power / np.maximum(total, np.finfo(float).tiny), 0.0, 1.0)
     return LocalResponse(
         mode.frequency * (1.0 + reach),
@@ -149,18 +149,18 @@ def sharp_response(
 
 def _apart(experiments: Sequence[tuple[Arrays, Arrays]]) -> list[tuple[Arrays, Arrays]]:
     """Experiments in which one reference moves after the other, cut where the next one begins."""
-    found = []
+    parts = []
     for references, signals in experiments:
         moving = [np.flatnonzero(column != column[0]) for column in references.T]
         spans = sorted((int(at[0]), int(at[-1])) for at in moving if len(at))
         in_turn = len(spans) > 1 and all(a[1] < b[0] for a, b in pairwise(spans))
         cuts = [0, *(span[0] for span in spans[1:]), len(references)] if in_turn else [0, len(references)]
-        found += [(references[a:b], signals[a:b]) for a, b in pairwise(cuts)]
-    return found
+        parts += [(references[a:b], signals[a:b]) for a, b in pairwise(cuts)]
+    return parts
 
 
 def with_sharp_peaks(
-    found: LocalResponse,
+    wide: LocalResponse,
     experiments: Sequence[tuple[Arrays, Arrays]],
     sample_time: float,
     modes: Sequence[SharpMode],
@@ -170,13 +170,13 @@ def with_sharp_peaks(
         near = sharp_response(experiments, sample_time, mode)
         if near is None:
             continue
-        kept = (found.frequency < near.frequency[0]) | (found.frequency > near.frequency[-1])
-        order = np.argsort(np.concatenate([found.frequency[kept], near.frequency]), kind="stable")
+        kept = (wide.frequency < near.frequency[0]) | (wide.frequency > near.frequency[-1])
+        order = np.argsort(np.concatenate([wide.frequency[kept], near.frequency]), kind="stable")
         parts = ("frequency", "response", "noise", "spread", "coherence")
-        found = LocalResponse(
-            *(np.concatenate([getattr(found, part)[kept], getattr(near, part)])[order] for part in parts)
+        wide = LocalResponse(
+            *(np.concatenate([getattr(wide, part)[kept], getattr(near, part)])[order] for part in parts)
         )
-    return found
+    return wide
 
 
 def hidden_height(
@@ -196,7 +196,7 @@ def hidden_height(
     spectra = [spectrum_of(*item, sample_time) for item in _apart(experiments)]
     largest = np.max([np.mean(np.abs(r) ** 2, axis=0) for _, r, _ in spectra], axis=0)
     references = spectra[0][1].shape[1]
-    found = np.full(len(frequency), np.inf)
+    heights = np.full(len(frequency), np.inf)
     for place, at in enumerate(frequency):
         fit = _fit(spectra, float(at), damping, largest)
         if fit is None or not damping * at * max(1.0 / (item[0][1] - item[0][0]) for item in spectra) >= RESOLVED:
@@ -204,8 +204,8 @@ def hidden_height(
         more = references + fit.experiments
         noise = fit.power[-references:].max() / fit.free
         variance = np.diagonal(fit.covariance).real[0 : 4 * references : 4].max()
-        found[place] = np.sqrt(_SIGNIFICANT * more * noise * variance)
-    return found
+        heights[place] = np.sqrt(_SIGNIFICANT * more * noise * variance)
+    return heights
 
 
 def _score(spectra: list[Spectrum], at: float, zeta: float, largest: Arrays) -> float:
@@ -254,7 +254,7 @@ def _fitted(spectra: list[Spectrum], start: SharpMode, damping: float, largest: 
     if fit is None or not 0.2 * damping <= zeta <= WIDEST or abs(best[0]) > 4.0:
         return None
     references = spectra[0][1].shape[1]
-    height = float(np.abs(fit.found[0 : 4 * references : 4, -references:]).max())
+    height = float(np.abs(fit.coefficients[0 : 4 * references : 4, -references:]).max())
     return SharpMode(float(at), zeta, start.score, height)
 
 
@@ -271,9 +271,11 @@ def _fit(
     count = int(modes.sum()) - spectra[0][1].shape[1]
     unit = columns / size
     inverse = np.linalg.pinv(unit.conj().T @ unit, rcond=1e-11, hermitian=True)
-    found = (inverse @ (unit.conj().T @ signals)) / size[:, np.newaxis]
+    coefficients = (inverse @ (unit.conj().T @ signals)) / size[:, np.newaxis]
     covariance = inverse / size[:, np.newaxis] / size
-    return _Fit(columns, found, covariance, signals - columns @ found, len(columns) - columns.shape[1], count)
+    return _Fit(
+        columns, coefficients, covariance, signals - columns @ coefficients, len(columns) - columns.shape[1], count
+    )
 
 
 def _lines(

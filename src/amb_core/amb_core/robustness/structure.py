@@ -91,20 +91,7 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
         np.hstack([*columns, np.zeros((feedback.plant.order, 0))]),
         np.vstack([*rows, np.zeros((0, feedback.plant.order))]),
     )
-    extra = len(sizes)
-    total, eye_u, eye_y = 3 * m + p + extra, np.eye(m), np.eye(p)
-    a, g, k, s, x = np.split(np.arange(total), np.cumsum([m, m, m, p]))
-    into = np.zeros((m + p + extra, total))
-    into[:m, a], into[:m, g], into[:m, k] = eye_u, eye_u, eye_u
-    into[m : m + p, s], into[m + p :, x] = eye_y, np.eye(extra)
-    holding = -np.linalg.pinv(_static_gain(feedback.plant))
-    out, direct = np.zeros((total, m + p + extra)), np.zeros((total, total))
-    out[a, :m], out[g, :m] = eye_u, eye_u
-    direct[np.ix_(a, np.concatenate([a, g, k]))] = -np.hstack([eye_u, eye_u, eye_u])
-    direct[np.ix_(g, np.concatenate([g, k]))] = -np.hstack([eye_u, eye_u])
-    out[k, m : m + p], direct[np.ix_(k, s)] = holding, -holding
-    out[s, m : m + p], direct[np.ix_(s, s)] = eye_y, -eye_y
-    out[x, m + p :] = np.eye(extra)
+    into, out, direct = _connections(m, p, len(sizes), np.asarray(-np.linalg.pinv(_static_gain(feedback.plant))))
     radius = np.concatenate(
         [np.full(m, r.actuator), np.full(m, r.current_gain), np.full(m, r.negative_stiffness), np.full(p, r.sensor),
          sizes]
@@ -135,6 +122,27 @@ def uncertain_loop(feedback: Feedback, settings: RobustnessSettings) -> Uncertai
     )
 
 
+def _connections(m: int, p: int, extra: int, holding: Arrays) -> tuple[Arrays, Arrays, Arrays]:
+    """Where perturbations enter the signals of the loop, where they leave, and what passes directly.
+
+    In the order of actuators, current gains, negative stiffnesses (m each), sensors (p) and modes; `holding` is the
+    current for a position at rest, shape (m, p).
+    """
+    total, eye_u, eye_y = 3 * m + p + extra, np.eye(m), np.eye(p)
+    a, g, k, s, x = np.split(np.arange(total), np.cumsum([m, m, m, p]))
+    into = np.zeros((m + p + extra, total))
+    into[:m, a], into[:m, g], into[:m, k] = eye_u, eye_u, eye_u
+    into[m : m + p, s], into[m + p :, x] = eye_y, np.eye(extra)
+    out, direct = np.zeros((total, m + p + extra)), np.zeros((total, total))
+    out[a, :m], out[g, :m] = eye_u, eye_u
+    direct[np.ix_(a, np.concatenate([a, g, k]))] = -np.hstack([eye_u, eye_u, eye_u])
+    direct[np.ix_(g, np.concatenate([g, k]))] = -np.hstack([eye_u, eye_u])
+    out[k, m : m + p], direct[np.ix_(k, s)] = holding, -holding
+    out[s, m : m + p], direct[np.ix_(s, s)] = eye_y, -eye_y
+    out[x, m + p :] = np.eye(extra)
+    return into, out, direct
+
+
 def bending_modes(plant: LinearSystem) -> list[Mode]:
     """The lightly damped stable modes of a plant, without those that no current moves or no position shows.
 
@@ -145,13 +153,13 @@ def bending_modes(plant: LinearSystem) -> list[Mode]:
     if np.linalg.cond(right) > 1e12:
         return []
     left = np.linalg.inv(right)
-    found = []
+    modes = []
     for pole, v, w in zip(values, right.T, left, strict=True):
         rate = np.log(complex(pole)) if pole != 0.0 else -np.inf
         light = pole.imag > 0.0 and abs(pole) < 1.0 and -rate.real < LIGHTLY_DAMPED * abs(rate)
         if light and _is_seen(plant, complex(pole), v, w):
-            found.append(_companion(plant, complex(pole), v, w))
-    return found
+            modes.append(_companion(plant, complex(pole), v, w))
+    return modes
 
 
 def _is_seen(plant: LinearSystem, pole: complex, v: Complexes, w: Complexes) -> bool:

@@ -128,9 +128,9 @@ def _dwell(mode: SharpMode, measured: MeasuredSensitivity, settings: SweepSettin
 def modes_of(data: IdentificationData, law: KnownController) -> list[SharpMode]:
     """The narrow resonances that data with a reference show, in their band, and that change the sensitivity enough."""
     low, high = looked_band(data, WIDEST)
-    found = [one for one in sharp_modes(experiments_of(data), data.sample_time) if low <= one.frequency <= high]
-    shown = _shown(data, law, np.array([one.frequency for one in found]))
-    return [one for one, share in zip(found, shown, strict=True) if one.height * share >= 0.5 * HIDDEN]
+    modes = [one for one in sharp_modes(experiments_of(data), data.sample_time) if low <= one.frequency <= high]
+    shown = _shown(data, law, np.array([one.frequency for one in modes]))
+    return [one for one, share in zip(modes, shown, strict=True) if one.height * share >= 0.5 * HIDDEN]
 
 
 def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownController) -> tuple[str, ...]:
@@ -140,9 +140,9 @@ def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownContro
         return ()
     first = _INSIDE * _ends(references, data.sample_time)[0]
     low, last = looked_band(data)
-    found = []
+    remarks = []
     if low > first:
-        found.append(
+        remarks.append(
             f"the swept sine passes modes of damping {LEAST_DAMPING:g} too fast below {min(low, last):.4g} Hz: it "
             f"would have to last {low / first:.3g} times as long to show them from {first:.4g} Hz onwards"
         )
@@ -150,18 +150,18 @@ def sweep_remarks(data: IdentificationData, feedback: Feedback, law: KnownContro
     height = hidden_in_sensitivity(data, law, at, LEAST_DAMPING)
     quiet = at[height > HIDDEN]
     if len(quiet):
-        found.append(
+        remarks.append(
             f"at {len(quiet)} of {len(at)} frequencies looked at, from {quiet[0]:.4g} to {quiet[-1]:.4g} Hz, a mode of "
             f"damping {LEAST_DAMPING:g} that changes the sensitivity by {HIDDEN:g} could hide in the noise of the "
             "swept sine; a larger amplitude or a longer sweep shows it"
         )
     matters = highest_that_matters(feedback)
     if last < matters:
-        found.append(
+        remarks.append(
             f"the swept sine shows narrow modes up to {last:.4g} Hz; the loop acts up to {matters:.4g} Hz, and nothing "
             "was looked for between them"
         )
-    return tuple(found)
+    return tuple(remarks)
 
 
 def hidden_in_sensitivity(data: IdentificationData, law: KnownController, frequency: Arrays, damping: float) -> Arrays:

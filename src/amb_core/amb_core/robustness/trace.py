@@ -171,14 +171,14 @@ def made_now() -> dict[str, str]:
 
 def controller_values(controller: KnownController) -> dict[str, Any]:
     """A controller with all its gains and its hash; `controller_from` makes it again without loss."""
-    found: dict[str, Any] = {"sha256": sha256_of_controller(controller)}
+    by_name: dict[str, Any] = {"sha256": sha256_of_controller(controller)}
     if isinstance(controller, LinearControl):
-        return found | {
+        return by_name | {
             "kind": "linear",
             "model": controller.model.to_json(),
             "parameters": controller.parameters.model_dump(mode="json"),
         }
-    return found | {"kind": "pd", "parameters": controller.model_dump(mode="json")}
+    return by_name | {"kind": "pd", "parameters": controller.model_dump(mode="json")}
 
 
 def controller_from(values: Mapping[str, Any]) -> KnownController:
@@ -192,15 +192,15 @@ def controller_from(values: Mapping[str, Any]) -> KnownController:
     try:
         if values["kind"] == "linear":
             law = StateSpaceModel.from_json(values["model"])
-            found: KnownController = LinearControl(law, validate(LinearControllerParameters, values["parameters"]))
+            controller: KnownController = LinearControl(law, validate(LinearControllerParameters, values["parameters"]))
         else:
-            found = validate(ControllerParameters, values["parameters"])
+            controller = validate(ControllerParameters, values["parameters"])
         expected = values["sha256"]
     except (KeyError, TypeError) as problem:
         raise RobustnessError(f"controller of the certificate: {problem} is missing or wrong") from None
-    if sha256_of_controller(found) != expected:
+    if sha256_of_controller(controller) != expected:
         raise RobustnessError("controller of the certificate: its gains are not those of its SHA-256")
-    return found
+    return controller
 
 
 def _band(references: list[Arrays], sample_time: float) -> tuple[float, ...]:

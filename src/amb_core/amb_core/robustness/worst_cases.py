@@ -195,9 +195,9 @@ class WorstCases:
             of_all = replace(of_all, value=math.inf)
         zone = zone_of(sensitivity.value, self.settings.sensitivity_limits)
         excluded = math.isinf(replayed) and self._excluded(of_models)
-        found = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value, excluded)
+        bounds = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value, excluded)
         # Beyond a model on the limit of stability the gain means nothing.
-        return found.unbounded() if math.isinf(replayed) else found
+        return bounds.unbounded() if math.isinf(replayed) else bounds
 
     def small_gain(self) -> tuple[float, float]:
         """Largest ||D C S|| of the errors D and the models, and its frequency."""
@@ -287,6 +287,6 @@ def stability_margin(feedback: Feedback, frequency: Arrays) -> tuple[float, floa
         return float(np.linalg.norm(responses * weight[:, np.newaxis] / weight, 2, axis=(1, 2)).max())
 
     typical = math.log(np.linalg.norm(feedback.controller.response(frequency), 2, axis=(1, 2)).mean() + 1e-300)
-    found = minimize_scalar(size, bounds=(typical - 8.0, typical + 8.0), method="bounded")
-    weight = weights(float(found.x))
-    return 1.0 / peak_gain(four_block.scaled(weight, 1.0 / weight)).value, math.exp(float(found.x))
+    smallest = minimize_scalar(size, bounds=(typical - 8.0, typical + 8.0), method="bounded")
+    weight = weights(float(smallest.x))
+    return 1.0 / peak_gain(four_block.scaled(weight, 1.0 / weight)).value, math.exp(float(smallest.x))

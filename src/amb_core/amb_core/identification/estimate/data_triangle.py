@@ -118,9 +118,9 @@ class PastRegression(RidgeRegression):
             Coefficients of z[k-1] ... z[k-steps] and of u[k], which are zero without feedthrough.
         """
         now = self.triangle.at(0)[:, : self.triangle.p]
-        found = self._with_present.coefficients(now, ridge)
-        errors = now - self._with_present.columns @ found
-        markov, direct = np.split(found, [self.columns.shape[1]])
+        coefficients = self._with_present.coefficients(now, ridge)
+        errors = now - self._with_present.columns @ coefficients
+        markov, direct = np.split(coefficients, [self.columns.shape[1]])
         return markov, direct if len(direct) else np.zeros((self._present.shape[1], self.triangle.p)), errors
 
     @property

@@ -228,8 +228,8 @@ def best_gains(modes: Modes, factor: NDArray[np.float64], weight: NDArray[np.flo
     kept = singular > _SMALLEST_SINGULAR_VALUE * singular[0]
     left, singular, right = left[:, kept], singular[kept], right[kept]
     along = left.T @ targets
-    found = right.T @ (along / singular) / scale
-    gains, d = np.split(found, [len(found) - p * direct])
+    solution = right.T @ (along / singular) / scale
+    gains, d = np.split(solution, [len(solution) - p * direct])
     gains = gains.reshape(blocks, 2, -1)
     errors = targets - left @ along
     sensitivity = _sensitivity(modes, gains, signals, weight)

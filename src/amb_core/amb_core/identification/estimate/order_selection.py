@@ -223,7 +223,7 @@ def _refine_around_the_best(
             continue
         search = _Search(samples, len(fit.covariance), float(least - penalty[number]))
         try:
-            found = fit_modes(
+            fit = fit_modes(
                 fit.modes,
                 whole,
                 len(fit.covariance),
@@ -234,7 +234,7 @@ def _refine_around_the_best(
             )
         except linalg.LinAlgError:
             continue
-        likelihood[number] = min(likelihood[number], 2.0 * samples * cost_of(found))
+        likelihood[number] = min(likelihood[number], 2.0 * samples * cost_of(fit))
 
 
 def _on_all_samples(data: ScaledData, feedthrough: bool, modes: Modes, weight: NDArray[np.float64]) -> Fit:

@@ -233,13 +233,13 @@ def _searched_again(
         start = refine(modes, FiniteMemory.whole(data, feedthrough))
         if start is None:
             return first
-        found: list[SearchEnd] = []
-        second = fit_modes(start.modes, best, p, tell, most_iterations, ended=found.append, first=start)
+        ends_again: list[SearchEnd] = []
+        second = fit_modes(start.modes, best, p, tell, most_iterations, ended=ends_again.append, first=start)
     except linalg.LinAlgError:  # the first fit stands
         return first
     if not cost_of(second) < least:
         return first
-    ends += found
+    ends += ends_again
     return second
 
 

@@ -117,8 +117,8 @@ def estimate_response(
     experiments = _signals(data, open_loop)
     if not experiments:
         raise IdentificationError(f"the experiments are too short; {_FEWEST_STEPS} samples of one are needed")
-    found = over_periods(experiments, data.sample_time, period) or over_bands(experiments, data.sample_time)
-    return _estimate(found, data, experiments[0].references.shape[1], open_loop)
+    by_references = over_periods(experiments, data.sample_time, period) or over_bands(experiments, data.sample_time)
+    return _estimate(by_references, data, experiments[0].references.shape[1], open_loop)
 
 
 def estimate_over_periods(data: IdentificationData) -> NonparametricEstimate | None:
@@ -140,8 +140,12 @@ def estimate_over_periods(data: IdentificationData) -> NonparametricEstimate | N
         As `estimate_response`.
     """
     experiments = _signals(data, open_loop=False)
-    found = over_periods(experiments, data.sample_time) if experiments else None
-    return None if found is None else _estimate(found, data, experiments[0].references.shape[1], open_loop=False)
+    by_references = over_periods(experiments, data.sample_time) if experiments else None
+    return (
+        None
+        if by_references is None
+        else _estimate(by_references, data, experiments[0].references.shape[1], open_loop=False)
+    )
 
 
 def _signals(data: IdentificationData, open_loop: bool) -> list[Signals]:
@@ -155,29 +159,21 @@ def _signals(data: IdentificationData, open_loop: bool) -> list[Signals]:
     return [item for item in experiments if len(item.inputs) >= _FEWEST_STEPS]
 
 
-def _estimate(found: ByReferences, data: IdentificationData, references: int, open_loop: bool) -> NonparametricEstimate:
+def _estimate(
+    by_references: ByReferences, data: IdentificationData, references: int, open_loop: bool
+) -> NonparametricEstimate:
     """The response at the frequencies at which it is determined, with its variance."""
     m = len(data.input_names)
     if references < m:
         raise IdentificationError(
             f"the frequency response is not determined: {m} inputs need as many references, there are {references}"
         )
-    if not len(found.frequency) or found.free_terms < 1.0:
+    if not len(by_references.frequency) or by_references.free_terms < 1.0:
         raise IdentificationError(
             f"the frequency response is not determined: the {'inputs' if open_loop else 'references of the axes'} are "
             "not independent; excite the axes one after the other, by different signals, or in several experiments"
         )
-    u, y = slice(0, m), slice(m, None)
-    input_noise = np.trace(found.noise[:, u, u], axis1=1, axis2=2).real
-    worst = np.sqrt(np.linalg.eigvalsh(found.spread)[:, -1] * input_noise)
-    known = worst < _LARGEST_ERROR * np.linalg.svd(found.response[:, u], compute_uv=False)[:, -1]
-    by_inputs = _right_inverse(found.response[known][:, u], found.spread[known])
-    response = found.response[known][:, y] @ by_inputs
-    size = response.shape[1]
-    opened = np.concatenate([-response, np.broadcast_to(np.eye(size), (len(response), size, size))], axis=2)
-    noise = opened @ found.noise[known] @ _conjugate(opened)
-    spread = _conjugate(by_inputs) @ found.spread[known] @ by_inputs
-    variance = np.maximum(_diagonals(noise), 0.0)[:, :, np.newaxis] * _diagonals(spread)[:, np.newaxis, :]
+    known, response, variance = _of_inputs(by_references, m)
     error = np.sqrt(variance.sum(axis=(1, 2))) / np.linalg.norm(response, ord=2, axis=(1, 2))
     kept = error < _LARGEST_ERROR
     if not kept.any():
@@ -185,14 +181,14 @@ def _estimate(found: ByReferences, data: IdentificationData, references: int, op
             "the frequency response is not determined: at no frequency is the coherence of inputs and outputs with the "
             "reference sufficient; use a larger or longer excitation"
         )
-    frequency, coherence = found.frequency[known][kept], found.coherence[known][kept][:, y]
+    frequency, coherence = by_references.frequency[known][kept], by_references.coherence[known][kept][:, m:]
     response, variance = response[kept], variance[kept]
     deviation = np.sqrt(0.5 * variance)  # of the real and of the imaginary part alike
     return NonparametricEstimate(
         FrequencyResponse(
             frequency,
             response,
-            found.method,
+            by_references.method,
             deviation,
             deviation / np.maximum(np.abs(response), np.finfo(float).tiny),
             coherence,
@@ -202,10 +198,26 @@ def _estimate(found: ByReferences, data: IdentificationData, references: int, op
             data.output_units,
         ),
         variance,
-        found.free_terms,
-        _notes(frequency, found.frequency, open_loop),
+        by_references.free_terms,
+        _notes(frequency, by_references.frequency, open_loop),
         open_loop,
     )
+
+
+def _of_inputs(by_references: ByReferences, m: int) -> tuple[NDArray[np.bool_], Complex, NDArray[np.float64]]:
+    """Where m inputs are known well enough; the response of the outputs to them there, and its variance."""
+    u, y = slice(0, m), slice(m, None)
+    input_noise = np.trace(by_references.noise[:, u, u], axis1=1, axis2=2).real
+    worst = np.sqrt(np.linalg.eigvalsh(by_references.spread)[:, -1] * input_noise)
+    known = worst < _LARGEST_ERROR * np.linalg.svd(by_references.response[:, u], compute_uv=False)[:, -1]
+    by_inputs = _right_inverse(by_references.response[known][:, u], by_references.spread[known])
+    response = by_references.response[known][:, y] @ by_inputs
+    size = response.shape[1]
+    opened = np.concatenate([-response, np.broadcast_to(np.eye(size), (len(response), size, size))], axis=2)
+    noise = opened @ by_references.noise[known] @ _conjugate(opened)
+    spread = _conjugate(by_inputs) @ by_references.spread[known] @ by_inputs
+    variance = np.maximum(_diagonals(noise), 0.0)[:, :, np.newaxis] * _diagonals(spread)[:, np.newaxis, :]
+    return known, response, variance
 
 
 def _right_inverse(to_inputs: Complex, spread: Complex) -> Complex:

@@ -73,20 +73,20 @@ def _between(
     # The mean of n periods has 1 / n of the noise of one; so weighted, all parts have that of one.
     means = np.stack([np.sqrt(len(part)) * part.mean(axis=0)[excited] for part in spectra], axis=-1)
     try:
-        found = fit_between_lines(excited, means[:, :columns], means[:, columns:], _MOST_LINES)
+        local = fit_between_lines(excited, means[:, :columns], means[:, columns:], _MOST_LINES)
     except SpectrumError:
         return None
-    kept = found.independent
+    kept = local.independent
     if not kept.any():
         return None
-    share = np.diagonal(found.noise[kept], axis1=1, axis2=2).real / np.maximum(found.power[kept], np.finfo(float).tiny)
+    share = np.diagonal(local.noise[kept], axis1=1, axis2=2).real / np.maximum(local.power[kept], np.finfo(float).tiny)
     return ByReferences(
-        frequency[excited][found.at[kept]],
-        found.response[kept],
-        found.noise[kept],
-        found.weights[kept],
+        frequency[excited][local.at[kept]],
+        local.response[kept],
+        local.noise[kept],
+        local.weights[kept],
         np.clip(1.0 - share, 0.0, 1.0),
-        float(found.free),
+        float(local.free),
         f"{method}, fitted between lines",
     )
 

@@ -62,8 +62,8 @@ def response_changes(
     # As products of matrices, which einsum does not find: (C R dA + dC) R B, with axes in the order (f, p, q, ...).
     by_a = np.tensordot(by_state, of_a, axes=(2, 1)) + of_c.transpose(1, 0, 2)
     frequencies, p, q, n = by_a.shape
-    found = (by_a.reshape(frequencies, p * q, n) @ by_input).reshape(frequencies, p, q, -1)
-    found += np.tensordot(by_state, of_b, axes=(2, 1))
+    changes = (by_a.reshape(frequencies, p * q, n) @ by_input).reshape(frequencies, p, q, -1)
+    changes += np.tensordot(by_state, of_b, axes=(2, 1))
     if of_d is not None:
-        found += of_d.transpose(1, 0, 2)
-    return np.asarray(found.transpose(0, 1, 3, 2))
+        changes += of_d.transpose(1, 0, 2)
+    return np.asarray(changes.transpose(0, 1, 3, 2))

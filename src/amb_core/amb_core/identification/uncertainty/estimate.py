@@ -74,10 +74,10 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
 
 
 def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUncertainty:
-    directions, found = _sensitivities(model, data)
-    normal = _normal_coordinates(np.vstack([item.factor for item in found]), model.order)
+    directions, by_experiment = _sensitivities(model, data)
+    normal = _normal_coordinates(np.vstack([item.factor for item in by_experiment]), model.order)
     # The following coordinates give the estimate the unit matrix as covariance if innovations are white.
-    scores = np.vstack([item.scores for item in found]) @ normal
+    scores = np.vstack([item.scores for item in by_experiment]) @ normal
     to_least = scores.sum(axis=0)
     centred = scores - to_least / len(scores)
     covariance = centred.T @ centred * len(scores) / (len(scores) - 1)
@@ -85,7 +85,7 @@ def _estimate(model: StateSpaceModel, data: ScaledData, robust: bool) -> ModelUn
     if robust:
         normal = normal @ _root(covariance)
     # The errors are smaller than the innovations, because the unknowns use some degrees of freedom.
-    unknowns = directions.count + (model.order + len(model.c)) * len(found)  # with initial states and constants
+    unknowns = directions.count + (model.order + len(model.c)) * len(by_experiment)  # with initial states and constants
     return ModelUncertainty(
         model=model,
         root=directions.rows.T @ normal / math.sqrt(1.0 - unknowns / data.outputs.size),
@@ -117,7 +117,7 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
     local = _directions(balanced)
     weight = np.linalg.inv(np.linalg.cholesky(of_scaled.innovation_covariance))
     batch = math.isqrt(len(data.inputs))  # many samples per batch, and many batches
-    found = [
+    by_experiment = [
         sensitivity(
             balanced,
             local,
@@ -136,7 +136,7 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
         basis @ local.k / y,
         None if local.d is None else local.d * y[:, np.newaxis] / u,
     )
-    return of_model, found
+    return of_model, by_experiment
 
 
 def _check(model: StateSpaceModel, data: IdentificationData) -> None:

@@ -208,13 +208,15 @@ class ModelUncertainty:
         of_matrices = (deviations.a, deviations.b, deviations.c, deviations.d)
         for part, by_state, by_input in transfers(self.model, response.frequency, self.model.b):
             change = response_changes(by_state, by_input, *of_matrices)
-            found = response.response[part]
-            size = np.maximum(np.abs(found), np.finfo(float).tiny)
-            turned = change * (found.conj() / size)[..., np.newaxis]  # real part: along the response; imaginary: across
+            values = response.response[part]
+            size = np.maximum(np.abs(values), np.finfo(float).tiny)
+            turned = (
+                change * (values.conj() / size)[..., np.newaxis]
+            )  # real part: along the response; imaginary: across
             magnitude[part] = np.linalg.norm(turned.real, axis=-1)
             phase[part] = np.linalg.norm(turned.imag, axis=-1) / size
             if self.reference is not None:
-                more = self._unexplained(self.reference, response.frequency[part], found, change)
+                more = self._unexplained(self.reference, response.frequency[part], values, change)
                 magnitude[part], phase[part] = np.hypot(magnitude[part], more), np.hypot(phase[part], more / size)
         return replace(response, magnitude_deviation=magnitude, phase_deviation=phase)
 
@@ -222,13 +224,13 @@ class ModelUncertainty:
         self,
         reference: ModelUncertainty,
         frequency: NDArray[np.float64],
-        found: NDArray[np.complex128],
+        response: NDArray[np.complex128],
         change: NDArray[np.complex128],
     ) -> NDArray[np.float64]:
         """What a richer model says beyond the columns of the root: the rest of the difference, and its variance."""
         other = reference.response(frequency)
         assert other.magnitude_deviation is not None
-        rest = np.abs(other.response - found - change[..., -1])
+        rest = np.abs(other.response - response - change[..., -1])
         random = np.linalg.norm(change[..., :-1], axis=-1) / np.sqrt(2.0)  # along the response, on average
         return np.hypot(rest / np.sqrt(2.0), np.sqrt(np.maximum(other.magnitude_deviation**2 - random**2, 0.0)))
 

@@ -79,10 +79,10 @@ class PoleGroup:
             vectors = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
             moved = _parts(np.einsum("kij,sj->sik", self.changes, vectors), by_real, axis=1)
             wanted = _parts(vectors @ shifted.T, by_real, axis=1)
-            found = (np.linalg.pinv(moved) @ wanted[:, :, np.newaxis])[:, :, 0]
-            missed = np.linalg.norm((moved @ found[:, :, np.newaxis])[:, :, 0] - wanted, axis=1)
+            factors = (np.linalg.pinv(moved) @ wanted[:, :, np.newaxis])[:, :, 0]
+            missed = np.linalg.norm((moved @ factors[:, :, np.newaxis])[:, :, 0] - wanted, axis=1)
             scale = np.linalg.norm(wanted, axis=1) + np.finfo(float).tiny
-            return np.where(missed <= _SOLVED * scale, np.sum(found**2, axis=1), np.inf)
+            return np.where(missed <= _SOLVED * scale, np.sum(factors**2, axis=1), np.inf)
 
         def vector(unknown: Arrays) -> NDArray[np.complex128] | Arrays:
             return unknown if by_real else unknown[:size] + 1j * unknown[size:]
@@ -95,8 +95,8 @@ class PoleGroup:
         best = float(rough.min())
         for place in np.argsort(rough)[:_BEST]:
             if best > enough**2 and math.isfinite(rough[place]):
-                found = minimize(lambda at: float(squared(vector(at)[np.newaxis])[0]), starts[place], method="BFGS")
-                best = min(best, float(found.fun))
+                search = minimize(lambda at: float(squared(vector(at)[np.newaxis])[0]), starts[place], method="BFGS")
+                best = min(best, float(search.fun))
         return math.sqrt(best)
 
     def holds(self, pole: complex, confidence: float) -> bool:

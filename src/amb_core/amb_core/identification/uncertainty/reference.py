@@ -57,7 +57,7 @@ def uncertainty_of(model: StateSpaceModel, data: IdentificationData, watch: Watc
     IdentificationError
         As `estimate_uncertainty`, or if the identification is cancelled.
     """
-    found = _random(model, data)
+    own = _random(model, data)
     try:
         richer = estimate(
             data, model.order + model.outputs, "pem", watch or Watch(None, None), "", bool(np.any(model.d))
@@ -66,19 +66,19 @@ def uncertainty_of(model: StateSpaceModel, data: IdentificationData, watch: Watc
     except IdentificationError:
         if watch is not None:
             watch.tell("uncertainty", 1, 1)  # raises where the cause is a cancellation
-        return found
-    return with_reference(found, reference)
+        return own
+    return with_reference(own, reference)
 
 
-def with_reference(found: ModelUncertainty, reference: ModelUncertainty) -> ModelUncertainty:
+def with_reference(own: ModelUncertainty, reference: ModelUncertainty) -> ModelUncertainty:
     """The uncertainty with the difference to a richer model, as one more column of the root."""
-    frequency = _FREQUENCIES * 0.5 / found.model.sample_time
-    of, other = found.response(frequency), reference.response(frequency)
+    frequency = _FREQUENCIES * 0.5 / own.model.sample_time
+    of, other = own.response(frequency), reference.response(frequency)
     assert of.magnitude_deviation is not None and other.magnitude_deviation is not None
-    parts = found.deviations
+    parts = own.deviations
     changes = np.concatenate([
         response_changes(by_state, by_input, parts.a, parts.b, parts.c, parts.d)
-        for _, by_state, by_input in transfers(found.model, frequency, found.model.b)
+        for _, by_state, by_input in transfers(own.model, frequency, own.model.b)
     ])  # fmt: skip
     difference = response_of(reference.model, frequency).response - of.response
     weight = 1.0 / np.maximum(np.hypot(of.magnitude_deviation, other.magnitude_deviation), np.finfo(float).tiny)
@@ -89,8 +89,8 @@ def with_reference(found: ModelUncertainty, reference: ModelUncertainty) -> Mode
     factors = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T @ wanted)
     size = np.abs(difference) / np.maximum(of.magnitude_deviation, np.finfo(float).tiny)
     return replace(
-        found,
-        root=np.column_stack([found.root, found.root @ factors]),
+        own,
+        root=np.column_stack([own.root, own.root @ factors]),
         reference=reference,
         difference=math.sqrt(float(np.median(size**2))),
     )
@@ -98,5 +98,5 @@ def with_reference(found: ModelUncertainty, reference: ModelUncertainty) -> Mode
 
 def _random(model: StateSpaceModel, data: IdentificationData) -> ModelUncertainty:
     """The distribution of random errors; robust if the innovations are not white: it is far too narrow otherwise."""
-    found = estimate_uncertainty(model, data)
-    return found if found.white else estimate_uncertainty(model, data, robust=True)
+    random = estimate_uncertainty(model, data)
+    return random if random.white else estimate_uncertainty(model, data, robust=True)

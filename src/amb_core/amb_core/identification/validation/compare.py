@@ -64,16 +64,16 @@ def compare(models: Mapping[str, Model], data: Data, controller: KnownController
         If none of the models can be validated, with the reason of the first.
     """
     loop = given_loop(data)
-    found, refused = {}, {}
+    validations, refused = {}, {}
     for name, model in models.items():
         try:
-            found[name] = validate(model, loop, controller)
+            validations[name] = validate(model, loop, controller)
         except IdentificationError as problem:  # the others can still be validated
             refused[name] = str(problem)
-    if not found:
+    if not validations:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
         raise IdentificationError(f"none of the models could be validated{': ' * bool(reasons)}{reasons}")
-    return Comparison(dict(sorted(found.items(), key=lambda item: _quality(item[1]), reverse=True)), refused)
+    return Comparison(dict(sorted(validations.items(), key=lambda item: _quality(item[1]), reverse=True)), refused)
 
 
 def _quality(validation: Validation) -> tuple[int, float, float]:

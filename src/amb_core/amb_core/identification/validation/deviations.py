@@ -109,9 +109,9 @@ def find_deviations(
 ) -> tuple[Deviation, ...]:
     """All kinds of which the data say anything, the least probable for a true model first."""
     bands = _Bands(model, controller)
-    found, others = _linear(model, data, prediction, bands)
-    found += _modes(model, data, prediction, bands, others)
-    return tuple(sorted(found, key=lambda one: one.p_value))  # as they were taken, where it is 0
+    deviations, others = _linear(model, data, prediction, bands)
+    deviations += _modes(model, data, prediction, bands, others)
+    return tuple(sorted(deviations, key=lambda one: one.p_value))  # as they were taken, where it is 0
 
 
 class _Bands:
@@ -149,29 +149,13 @@ def _linear(
 ) -> tuple[list[Deviation], list[Arrays]]:
     """All linear kinds, and the effects of those that are significant on each experiment, shapes (steps, taken, p)."""
     directions, axes = list(_directions(model)), len(model.c)
-    found: list[Deviation] = []
+    deviations: list[Deviation] = []
     effects = [effects_of(model, data, prediction, index, len(part)) for index, part in enumerate(prediction.residuals)]
     shaped = [part.reshape(len(part), -1, axes) for part in effects]
-    errors, moved = [], []
-    for residual, effect in zip(prediction.residuals, effects, strict=True):
-        if len(residual) <= 2 * PAST * (axes + 1):
-            continue
-        lagged = np.hstack([residual[PAST - lag : len(residual) - lag] for lag in range(1, PAST + 1)])
-        past = np.hstack([lagged, np.ones((len(lagged), 1))])
-        plain = np.hstack([residual, effect])[PAST:]
-        rest = plain - past @ np.linalg.lstsq(past, plain, rcond=None)[0]
-        plain = plain - plain.mean(axis=0)
-        errors.append((plain[:, :axes], rest[:, :axes]))
-        moved.append(tuple(item[:, axes:].reshape(len(rest), -1, axes) for item in (plain, rest)))
-    if not errors:
+    products = _products(prediction, effects, axes)
+    if products is None:
         return [], [part[:, :0] for part in shaped]
-    try:
-        of_plain, of_rest = (
-            _Along(np.vstack([item[place] for item in errors]), np.concatenate([item[place] for item in moved]))
-            for place in range(2)
-        )
-    except linalg.LinAlgError:
-        return [], [part[:, :0] for part in shaped]
+    of_plain, of_rest = products
     variance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
     taken, p_values = of_rest.taken(variance)
     # Where they dominate the errors, past errors are of these kinds too, and would hide them.
@@ -189,10 +173,38 @@ def _linear(
         else:
             continue
         deviation *= math.sqrt(variance)
-        found.append(
+        deviations.append(
             Deviation(one.name, one.unit, one.scale * float(value), one.scale * deviation, size, float(p_value))
         )
-    return found, [part[:, taken] for part in shaped]
+    return deviations, [part[:, taken] for part in shaped]
+
+
+def _products(prediction: Prediction, effects: list[Arrays], axes: int) -> tuple[_Along, _Along] | None:
+    """Of the errors with the effects, and of what the past of the errors does not explain of both.
+
+    None where no experiment is long enough, or an axis has no errors.
+    """
+    errors, moved = [], []
+    for residual, effect in zip(prediction.residuals, effects, strict=True):
+        if len(residual) <= 2 * PAST * (axes + 1):
+            continue
+        lagged = np.hstack([residual[PAST - lag : len(residual) - lag] for lag in range(1, PAST + 1)])
+        past = np.hstack([lagged, np.ones((len(lagged), 1))])
+        plain = np.hstack([residual, effect])[PAST:]
+        rest = plain - past @ np.linalg.lstsq(past, plain, rcond=None)[0]
+        plain = plain - plain.mean(axis=0)
+        errors.append((plain[:, :axes], rest[:, :axes]))
+        moved.append(tuple(item[:, axes:].reshape(len(rest), -1, axes) for item in (plain, rest)))
+    if not errors:
+        return None
+    try:
+        of_plain, of_rest = (
+            _Along(np.vstack([item[place] for item in errors]), np.concatenate([item[place] for item in moved]))
+            for place in range(2)
+        )
+    except linalg.LinAlgError:
+        return None
+    return of_plain, of_rest
 
 
 class _Along:
@@ -212,7 +224,7 @@ class _Along:
         `variance` is that of what a true model's errors explain, relative to their own.
         """
         taken: list[int] = []
-        found: list[float] = []
+        chances: list[float] = []
         while len(taken) < len(self.product):
             strength, along = self.beyond(taken)
             p_values = self.p_values(taken, variance)
@@ -220,8 +232,8 @@ class _Along:
             if not len(self.product) * p_values[best] < SIGNIFICANT:
                 break
             taken.append(best)
-            found.append(float(p_values[best]))
-        return taken, found
+            chances.append(float(p_values[best]))
+        return taken, chances
 
     def p_values(self, taken: list[int], variance: float) -> Arrays:
         """Of each direction, for what it explains beyond those taken."""

@@ -206,13 +206,13 @@ def _bands(
             beside = _relative(model.response[on_grid] - plant.response[on_grid], plant.response[on_grid])
         difference, deviation, inside = np.empty(0), np.empty(0), np.empty(0)
         if measured is not None:
-            found = measured.response
-            lines = (found.frequency >= low) & (found.frequency < high)
-            here = np.searchsorted(model.frequency, found.frequency[lines])
-            error = model.response[here] - found.response[lines]
-            difference = _relative(error, found.response[lines])
+            response = measured.response
+            lines = (response.frequency >= low) & (response.frequency < high)
+            here = np.searchsorted(model.frequency, response.frequency[lines])
+            error = model.response[here] - response.response[lines]
+            difference = _relative(error, response.response[lines])
             spread = np.sqrt(measured.variance[lines].sum(axis=(1, 2)))
-            deviation = spread / np.linalg.norm(found.response[lines], ord=2, axis=(1, 2))
+            deviation = spread / np.linalg.norm(response.response[lines], ord=2, axis=(1, 2))
             variance = measured.variance[lines] + _variance(model)[here]
             inside = np.abs(error) ** 2 <= measured.largest_error(LEVEL) * variance
         if len(difference) or len(beside):

@@ -13,7 +13,8 @@ import numpy as np
 
 from amb_core.data.experiments import Severity
 from amb_core.data.experiments.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
-from amb_core.identification.controller_check import FOREIGN, NOT_CHECKED
+from amb_core.identification.controller_check import NOT_CHECKED
+from amb_core.identification.controller_trials import FOREIGN
 from amb_core.identification.validation.measures import Measures
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.residuals import ChiSquareTest
@@ -38,16 +39,16 @@ the true ones, and the loop is simulated with the limit."""
 _RESERVED, _REFUSED = Verdict.RESERVATIONS, Verdict.NOT_VALIDATED
 
 
-def judge(found: Measures) -> tuple[Condition, ...]:
+def judge(measures: Measures) -> tuple[Condition, ...]:
     """All conditions on a model, in the order of `RULES`."""
-    return tuple(rule(found) for rule, *_ in RULES)
+    return tuple(rule(measures) for rule, *_ in RULES)
 
 
-def _stable(found: Measures) -> Condition:
+def _stable(measures: Measures) -> Condition:
     key, name, limit = "closed_loop", "the closed loop is stable", "all poles inside the unit circle"
-    loop = found.closed_loop
+    loop = measures.closed_loop
     if loop is None:
-        why = found.without_loop
+        why = measures.without_loop
         return Condition(
             key, name, f"not checked: {why}", limit, _RESERVED,
             "give the controller of the experiment (--controller), the units of the signals and the reference",
@@ -61,10 +62,10 @@ def _stable(found: Measures) -> Condition:
     )  # fmt: skip
 
 
-def _controller(found: Measures) -> Condition:
+def _controller(measures: Measures) -> Condition:
     key, name = "controller", "the controller computed the recorded currents"
     limit = f"all but {100.0 * FOREIGN:g} % of them (rms), and no other law fits far better"
-    check = found.controller_check
+    check = measures.controller_check
     if check.severity is Severity.INFO and not check.what.startswith(NOT_CHECKED):
         return Condition(key, name, check.what, limit)
     where = f"{check.where}: " if check.where else ""
@@ -72,10 +73,10 @@ def _controller(found: Measures) -> Condition:
     return Condition(key, name, f"{where}{check.what}", limit, _RESERVED, advice)
 
 
-def _sound(found: Measures) -> Condition:
+def _sound(measures: Measures) -> Condition:
     key, name = "samples", "the samples are as they were measured"
     limit = "no check of the recording warns"
-    findings = [one for one in found.findings if one.severity is not Severity.INFO and one.check != NOTED]
+    findings = [one for one in measures.findings if one.severity is not Severity.INFO and one.check != NOTED]
     if not findings:
         return Condition(key, name, "nothing found", limit)
     texts = [f"{one.check}: {one.where + ': ' if one.where else ''}{one.what}" for one in findings]
@@ -83,14 +84,14 @@ def _sound(found: Measures) -> Condition:
     return Condition(key, name, "; ".join(texts), limit, _RESERVED, advice)
 
 
-def _followed(found: Measures) -> Condition:
+def _followed(measures: Measures) -> Condition:
     key, name = "closed_loop_fit", "the closed loop follows as well as the noise allows"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
-    loop, possible = found.closed_loop, found.possible_fit
+    loop, possible = measures.closed_loop, measures.possible_fit
     if loop is None or possible is None:
         level = _RESERVED if loop is None or not loop.stable else _REFUSED
         return Condition(key, name, "not known", limit, level, "see the condition of a stable closed loop")
-    names = found.model.output_names
+    names = measures.model.output_names
     texts = [
         f"{axis} {fit:.2f} % of {best:.2f} ± {spread:.2g} %"
         for axis, fit, best, spread in zip(names, loop.fit, possible.fit, possible.deviation, strict=True)
@@ -98,13 +99,13 @@ def _followed(found: Measures) -> Condition:
     short = possible.fit - loop.fit - possible.chance(SIGNIFICANT)
     if np.all(short <= SHORT_OF_POSSIBLE):
         return Condition(key, name, ", ".join(texts), limit)
-    return Condition(key, name, ", ".join(texts), limit, _REFUSED, _why_short(found, short > SHORT_OF_POSSIBLE))
+    return Condition(key, name, ", ".join(texts), limit, _REFUSED, _why_short(measures, short > SHORT_OF_POSSIBLE))
 
 
-def _why_short(found: Measures, poor: np.ndarray) -> str:
-    loop = found.closed_loop
+def _why_short(measures: Measures, poor: np.ndarray) -> str:
+    loop = measures.closed_loop
     assert loop is not None
-    if found.controller_check.severity is not Severity.INFO:
+    if measures.controller_check.severity is not Severity.INFO:
         return (
             "The controller did not compute the recorded currents, so the simulated loop is another one: give the "
             "controller of this experiment first"
@@ -115,32 +116,32 @@ def _why_short(found: Measures, poor: np.ndarray) -> str:
             "The simulated rotor rests elsewhere: load or operating point differ from those of the identification; "
             "identify at this operating point, or compare deviations"
         )
-    best = np.broadcast_to(found.evidence.best_fit, loop.fit.shape)
+    best = np.broadcast_to(measures.evidence.best_fit, loop.fit.shape)
     if np.any(poor & (np.nan_to_num(best, nan=100.0) < 100.0 - SHORT_OF_POSSIBLE)):
         return (
-            f"The response of the loop itself is not linear ({found.evidence.brief}): a linear loop would fit to about "
-            f"{float(np.nanmin(best)):.0f} % at most. Excite less, and see `amb distortion`"
+            f"The response of the loop itself is not linear ({measures.evidence.brief}): a linear loop would fit to "
+            f"about {float(np.nanmin(best)):.0f} % at most. Excite less, and see `amb distortion`"
         )
     return (
         "The closed loop follows poorly: see the conditions on the response, raise the order, and use data of region A"
     )
 
 
-def _predicted(found: Measures) -> Condition:
+def _predicted(measures: Measures) -> Condition:
     key, name = "one_step_fit", "one step is predicted as well as the data allow"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what the past of all signals explains"
-    fit, possible = found.one_step_fit, found.possible_one_step_fit
-    rows = zip(found.model.output_names, fit, possible, strict=True)
+    fit, possible = measures.one_step_fit, measures.possible_one_step_fit
+    rows = zip(measures.model.output_names, fit, possible, strict=True)
     finding = ", ".join(f"{axis} {reached:.2f} % of {best:.2f} %" for axis, reached, best in rows)
     if np.all(possible - fit <= SHORT_OF_POSSIBLE):
         return Condition(key, name, finding, limit)
     return Condition(key, name, finding, limit, _REFUSED, "raise the order, or identify from data of this kind")
 
 
-def _response(found: Measures) -> Condition:
+def _response(measures: Measures) -> Condition:
     key, name = "response", "the frequency response agrees where the data say anything"
     limit = f"{MATTERS:g} % where the loop acts, up to {MATTERS / LEAST_ACTION:g} % where it hardly does, beside chance"
-    bands = found.band_errors
+    bands = measures.band_errors
     if not bands:
         return Condition(
             key, name, "the data say nothing at any frequency", limit, _RESERVED,
@@ -160,10 +161,10 @@ def _response(found: Measures) -> Condition:
     return Condition(key, name, finding, limit, level, advice)
 
 
-def _deviations(found: Measures) -> Condition:
+def _deviations(measures: Measures) -> Condition:
     key, name = "deviations", "gains, dead times, stiffness and modes agree"
     limit = "an error of the response as above, beside chance"
-    kinds = found.deviations
+    kinds = measures.deviations
     significant = [one for one in kinds if len(kinds) * one.p_value < SIGNIFICANT]
     if not significant:
         return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
@@ -176,10 +177,10 @@ def _deviations(found: Measures) -> Condition:
     )
 
 
-def _ringing(found: Measures) -> Condition:
+def _ringing(measures: Measures) -> Condition:
     key, name = "ringing", "no mode is missing"
     limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
-    one = found.ringing
+    one = measures.ringing
     if one is None:
         return Condition(
             key,
@@ -196,34 +197,34 @@ def _ringing(found: Measures) -> Condition:
     if one.share <= SHARE:
         finding += f", with {100.0 * one.share:.2g} % of the motion there"
         return Condition(key, name, finding, limit, _RESERVED, advice)
-    here = [band for band in found.band_errors if band.low <= one.frequency < band.high]
-    if len(here) == len(found.model.input_names) and all(band.error <= band.limit for band in here):
+    here = [band for band in measures.band_errors if band.low <= one.frequency < band.high]
+    if len(here) == len(measures.model.input_names) and all(band.error <= band.limit for band in here):
         finding += ", where the response agrees"
         return Condition(key, name, finding, limit, _RESERVED, advice)
     return Condition(key, name, finding, limit, _REFUSED, advice)
 
 
-def _independent(found: Measures) -> Condition:
+def _independent(measures: Measures) -> Condition:
     return _by_chance(
-        "independence", "the residuals are independent of past inputs", found.residuals.independence,
+        "independence", "the residuals are independent of past inputs", measures.residuals.independence,
         "past inputs explain", "",
         "The plant part misses dynamics. Raise the order; if that does not help, the plant is nonlinear, or its "
         "operating point differs from that of the identification",
     )  # fmt: skip
 
 
-def _white(found: Measures) -> Condition:
-    heard = [one for one in found.tones if one.share > NOTABLE_TONE]
+def _white(measures: Measures) -> Condition:
+    heard = [one for one in measures.tones if one.share > NOTABLE_TONE]
     tones = ", ".join(f"{one.frequency:.4g} Hz ({100.0 * one.share:.2g} %)" for one in heard)
-    if tones and not found.residuals.whiteness.passed:
+    if tones and not measures.residuals.whiteness.passed:
         return _by_chance(
-            "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains",
+            "whiteness", "the residuals are white", measures.residuals.whiteness, "their past explains",
             f"; they hold tones of {tones}",
             "A tone, as of an unbalance or of the mains, is a disturbance and no fault of the plant part; it affects "
             "predictions. Record without it, or at another speed, to see what else there is",
         )  # fmt: skip
     return _by_chance(
-        "whiteness", "the residuals are white", found.residuals.whiteness, "their past explains", "",
+        "whiteness", "the residuals are white", measures.residuals.whiteness, "their past explains", "",
         "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
         "less the design of a controller",
     )  # fmt: skip
@@ -238,37 +239,41 @@ def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, beside: str
     return Condition(key, name, finding, limit, _RESERVED, advice)
 
 
-def _distortion(found: Measures) -> Condition:
+def _distortion(measures: Measures) -> Condition:
     key, name = "distortion", "the response is linear"
     limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
-    measured, coherence = found.evidence.distortion, found.evidence.coherence
+    measured, coherence = measures.evidence.distortion, measures.evidence.coherence
     if measured is None:
-        noise = found.white and found.independent  # then nothing but noise spoils the coherence
+        noise = measures.white and measures.independent  # then nothing but noise spoils the coherence
         if coherence is None or noise or not np.any(coherence.ratio > LOW_COHERENCE):
-            return Condition(key, name, found.evidence.brief, limit)
-        best = float(np.nanmin(found.evidence.best_fit))
-        finding = f"the loop may not be linear: {found.evidence.brief}; a linear one fits to about {best:.0f} % at most"
+            return Condition(key, name, measures.evidence.brief, limit)
+        best = float(np.nanmin(measures.evidence.best_fit))
+        finding = (
+            f"the loop may not be linear: {measures.evidence.brief}; a linear one fits to about {best:.0f} % at most"
+        )
         return Condition(key, name, finding, limit, _RESERVED, "excite less, and see `amb distortion`")
     by_noise = np.nan_to_num(measured.noise_ratio) ** 2 / measured.periods
     if not np.any(measured.ratio**2 - by_noise > LARGE_DISTORTION**2):
-        return Condition(key, name, found.evidence.brief, limit)
-    return Condition(key, name, found.evidence.brief, limit, _RESERVED, "excite less, and see `amb distortion`")
+        return Condition(key, name, measures.evidence.brief, limit)
+    return Condition(key, name, measures.evidence.brief, limit, _RESERVED, "excite less, and see `amb distortion`")
 
 
-def _fresh(found: Measures) -> Condition:
+def _fresh(measures: Measures) -> Condition:
     key, name = "fresh_data", "the data are not those of the identification"
     limit = f"{100.0 * OVERLAP:g} % of their samples in common"
-    if np.isnan(found.overlap):
+    if np.isnan(measures.overlap):
         return Condition(key, name, "not known: the model has no fingerprint of its data", limit, checked=False)
-    if not found.overlap > OVERLAP:
-        return Condition(key, name, "no samples in common" if found.overlap == 0.0 else "hardly any in common", limit)
-    finding = f"about {100.0 * found.overlap:.0f} % of the samples of the identification are in these data"
+    if not measures.overlap > OVERLAP:
+        return Condition(
+            key, name, "no samples in common" if measures.overlap == 0.0 else "hardly any in common", limit
+        )
+    finding = f"about {100.0 * measures.overlap:.0f} % of the samples of the identification are in these data"
     return Condition(key, name, finding, limit, _RESERVED, "validate on another experiment")
 
 
-def _converged(found: Measures) -> Condition:
+def _converged(measures: Measures) -> Condition:
     key, name, limit = "convergence", "the search of the identification converged", "no further step promises anything"
-    search = found.search
+    search = measures.search
     if search is None:
         return Condition(key, name, "not known: no search, or that of a model from a file", limit, checked=False)
     finding = f"{search.iterations} steps, {100.0 * search.left:.2g} % of the squared error left"
@@ -277,14 +282,14 @@ def _converged(found: Measures) -> Condition:
     return Condition(key, name, finding, limit, _RESERVED, "lower the order, or use data with more noise than rounding")
 
 
-def _decided(found: Measures) -> Condition:
+def _decided(measures: Measures) -> Condition:
     key, name = "poles", "the data decide which poles are stable"
     limit = "no interval of a pole contains 1"
-    if found.undecided is None:
+    if measures.undecided is None:
         return Condition(key, name, "not known: without the uncertainty of the model", limit, checked=False)
-    if not found.undecided:
+    if not measures.undecided:
         return Condition(key, name, "they do", limit)
-    return Condition(key, name, found.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
+    return Condition(key, name, measures.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
 
 
 Rule = Callable[[Measures], Condition]

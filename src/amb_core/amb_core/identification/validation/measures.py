@@ -121,8 +121,8 @@ class Measures(Result):
     @cached_property
     def possible_one_step_fit(self) -> NDArray[np.float64]:
         """One-step fit of each output that the past of all signals explains, but for tones (percent), shape (p,)."""
-        found = self.residuals
-        tests = zip(found.undisturbed_whiteness_by_output, found.independence_by_output, strict=True)
+        residuals = self.residuals
+        tests = zip(residuals.undisturbed_whiteness_by_output, residuals.independence_by_output, strict=True)
         explained = np.array([white.beyond_chance + driven.beyond_chance for white, driven in tests])
-        left = np.clip(1.0 - found.undisturbed_share * explained, 0.0, 1.0)
+        left = np.clip(1.0 - residuals.undisturbed_share * explained, 0.0, 1.0)
         return np.asarray(100.0 - (100.0 - self.one_step_fit) * np.sqrt(left))

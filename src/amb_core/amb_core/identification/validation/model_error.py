@@ -100,7 +100,7 @@ def response_errors(
     allowance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
     power = np.sum(np.abs(r) ** 2)
     noise_filter = LinearSystem(model.a, model.k, model.c, np.eye(model.outputs), model.sample_time)
-    found = []
+    errors_of_bands = []
     for low, high in _bands(frequency, 4 * (r.shape[1] + 1)):
         lines = (frequency >= low) & (frequency < high)
         if np.sum(np.abs(r[lines]) ** 2) <= _LEAST_POWER * power:
@@ -123,8 +123,8 @@ def response_errors(
             if deviation <= RESOLVED:
                 more = 100.0 * math.sqrt(max(error[column] - noise[column], 0.0)) / sizes[column]
                 p_value = float(special.fdtrc(2 * len(x), 2 * free, ratio[column]))
-                found.append(BandError(low, high, name, more, deviation, limit, p_value))
-    return tuple(found)
+                errors_of_bands.append(BandError(low, high, name, more, deviation, limit, p_value))
+    return tuple(errors_of_bands)
 
 
 def limit_at(model: StateSpaceModel, controller: KnownController | None, frequency: float) -> float:
@@ -171,10 +171,10 @@ def _estimate(
 def _bands(frequency: Arrays, fewest: int) -> list[tuple[float, float]]:
     """Bands of a part of an octave, or wider where there are too few lines in one."""
     ordered = np.sort(frequency)
-    found, low = [], float(ordered[0])
+    bands, low = [], float(ordered[0])
     while low < ordered[-1]:
         wide = ordered[min(int(np.searchsorted(ordered, low)) + fewest, len(ordered) - 1)]
         high = max(low * 2.0 ** (1.0 / PER_OCTAVE), float(wide))
-        found.append((low, high))
+        bands.append((low, high))
         low = high
-    return found
+    return bands

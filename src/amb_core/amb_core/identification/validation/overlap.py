@@ -51,8 +51,8 @@ def overlap(fingerprint: NDArray[np.float64], data: IdentificationData) -> float
 
 def _hashes(data: IdentificationData, steps: NDArray[np.float64]) -> NDArray[np.float64]:
     """A hash of each stretch."""
-    found = [_of_experiment(np.diff(item.outputs, axis=0) / steps) for item in restore(data).experiments]
-    return np.concatenate(found)
+    hashes = [_of_experiment(np.diff(item.outputs, axis=0) / steps) for item in restore(data).experiments]
+    return np.concatenate(hashes)
 
 
 def _of_experiment(changes: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -64,12 +64,12 @@ def _of_experiment(changes: NDArray[np.float64]) -> NDArray[np.float64]:
         rows = np.zeros(len(whole), dtype=np.uint64)
         for column in whole.astype(np.uint64).T:
             rows = _mixed(rows ^ column)
-        found = np.zeros(count, dtype=np.uint64)
+        hashes = np.zeros(count, dtype=np.uint64)
         for lag in range(_STRETCH):
-            found = found * _FACTORS[1] + rows[lag : lag + count]
-        found = _mixed(found) >> np.uint64(64 - _BITS)
+            hashes = hashes * _FACTORS[1] + rows[lag : lag + count]
+        hashes = _mixed(hashes) >> np.uint64(64 - _BITS)
     moves = np.concatenate([[0], np.cumsum(np.count_nonzero(whole, axis=1))])
-    return found[moves[_STRETCH:] - moves[:-_STRETCH] >= _MOVES].astype(np.float64)
+    return hashes[moves[_STRETCH:] - moves[:-_STRETCH] >= _MOVES].astype(np.float64)
 
 
 def _mixed(values: NDArray[np.uint64]) -> NDArray[np.uint64]:

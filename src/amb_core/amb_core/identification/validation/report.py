@@ -11,11 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.ground.results import plain
 from amb_core.identification.fit import BELOW_ZERO_MEANING, fit_text
 from amb_core.identification.validation.judged import JudgedMeasures
-from amb_core.identification.validation.residuals import ChiSquareTest
+from amb_core.identification.validation.residuals import ChiSquareTest, ResidualTests
+from amb_core.identification.validation.simulation import ClosedLoop
 from amb_core.identification.validation.verdict import Condition, Verdict
+from amb_core.linear.model.state_space import StateSpaceModel
 
 WIDTH = 100
 _OUTPUTS_ABREAST = 3  # in a table of one column for each output
@@ -58,62 +61,25 @@ def report_text(validation: JudgedMeasures) -> str:
 
 def report_values(validation: JudgedMeasures) -> dict[str, Any]:
     """All numbers as plain values; values that are not finite are None."""
-    model, data, residuals = validation.model, validation.data, validation.residuals
-    loop, comparison = validation.closed_loop, validation.frequency
+    comparison = validation.frequency
     values = {
         "validated": validation.validated,
         "verdict": validation.verdict,
         "summary": validation.summary,
-        "conditions": [
-            {
-                "key": one.key,
-                "name": one.name,
-                "finding": one.finding,
-                "limit": one.limit,
-                "level": one.level,
-                "passed": one.passed,
-                "checked": one.checked,
-                "advice": one.advice,
-            }
-            for one in validation.conditions
-        ],
+        "conditions": [_condition_values(one) for one in validation.conditions],
         "response_errors": [asdict(band) for band in validation.band_errors],
         "deviations": [asdict(one) for one in validation.deviations],
         "possible_fit_percent": None if validation.possible_fit is None else validation.possible_fit.fit.tolist(),
         "overlap": validation.overlap,
-        "model": {
-            "method": model.method,
-            "order": model.order,
-            "source": model.source,
-            "samples": model.samples,
-            "unstable_poles": [[pole.real, pole.imag] for pole in model.unstable_poles().tolist()],
-        },
-        "data": {
-            "samples": data.samples,
-            "sample_time": data.sample_time,
-            "sources": [item.source for item in data.experiments],
-            "first_steps": [item.first_step for item in data.experiments],
-        },
-        "outputs": list(model.output_names),
+        "model": _model_values(validation.model),
+        "data": _data_values(validation.data),
+        "outputs": list(validation.model.output_names),
         "prediction": {
             "horizons": validation.prediction.horizons.tolist(),
             "fit_percent": validation.prediction.fit.tolist(),
         },
-        "residuals": {
-            "lags": residuals.lags,
-            "deviation": residuals.deviation.tolist(),
-            "mean": residuals.mean.tolist(),
-            "whiteness": _test_values(residuals.whiteness),
-            "independence": _test_values(residuals.independence),
-        },
-        "closed_loop": loop
-        and {
-            "stable": loop.stable,
-            "largest_pole": float(np.abs(loop.poles[0])),
-            "fit_percent": loop.fit.tolist(),
-            "fit_without_means_percent": loop.fit_without_means.tolist(),
-            "offset": loop.offset.tolist(),
-        },
+        "residuals": _residual_values(validation.residuals),
+        "closed_loop": None if validation.closed_loop is None else _loop_values(validation.closed_loop),
         "frequency_response": {
             "measured": comparison.measured and comparison.measured.response.label,
             "bands": [asdict(band) for band in comparison.bands],
@@ -123,6 +89,58 @@ def report_values(validation: JudgedMeasures) -> dict[str, Any]:
         "advice": advice(validation),
     }
     return dict(plain(values))
+
+
+def _condition_values(condition: Condition) -> dict[str, Any]:
+    return {
+        "key": condition.key,
+        "name": condition.name,
+        "finding": condition.finding,
+        "limit": condition.limit,
+        "level": condition.level,
+        "passed": condition.passed,
+        "checked": condition.checked,
+        "advice": condition.advice,
+    }
+
+
+def _model_values(model: StateSpaceModel) -> dict[str, Any]:
+    return {
+        "method": model.method,
+        "order": model.order,
+        "source": model.source,
+        "samples": model.samples,
+        "unstable_poles": [[pole.real, pole.imag] for pole in model.unstable_poles().tolist()],
+    }
+
+
+def _data_values(data: IdentificationData) -> dict[str, Any]:
+    return {
+        "samples": data.samples,
+        "sample_time": data.sample_time,
+        "sources": [item.source for item in data.experiments],
+        "first_steps": [item.first_step for item in data.experiments],
+    }
+
+
+def _residual_values(residuals: ResidualTests) -> dict[str, Any]:
+    return {
+        "lags": residuals.lags,
+        "deviation": residuals.deviation.tolist(),
+        "mean": residuals.mean.tolist(),
+        "whiteness": _test_values(residuals.whiteness),
+        "independence": _test_values(residuals.independence),
+    }
+
+
+def _loop_values(loop: ClosedLoop) -> dict[str, Any]:
+    return {
+        "stable": loop.stable,
+        "largest_pole": float(np.abs(loop.poles[0])),
+        "fit_percent": loop.fit.tolist(),
+        "fit_without_means_percent": loop.fit_without_means.tolist(),
+        "offset": loop.offset.tolist(),
+    }
 
 
 def advice(validation: JudgedMeasures) -> list[str]:

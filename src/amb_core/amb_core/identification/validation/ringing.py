@@ -172,9 +172,9 @@ def _explained(errors: Arrays, regressors: Arrays, removed: Arrays) -> float:
 def _states(pole: complex, signals: Arrays) -> Arrays:
     """Real and imaginary parts of the resonators that the signals drive, from state zero, shape (steps, 2 signals)."""
     steps, count = signals.shape
-    found, state = np.empty((steps, 2 * count)), np.zeros(count, dtype=np.complex128)
+    states, state = np.empty((steps, 2 * count)), np.zeros(count, dtype=np.complex128)
     for step in range(steps):
         for column in range(count):
-            found[step, 2 * column], found[step, 2 * column + 1] = state[column].real, state[column].imag
+            states[step, 2 * column], states[step, 2 * column + 1] = state[column].real, state[column].imag
             state[column] = pole * state[column] + signals[step, column]
-    return found
+    return states

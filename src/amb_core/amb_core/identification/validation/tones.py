@@ -97,32 +97,34 @@ def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None
     radius = float(np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max(initial=0.0))
     memory = math.ceil(math.log(_FADED) / math.log(radius)) if radius > 0.0 else 1
     first = min(memory, len(errors) // 4)
-    found = find_tones(errors[first:], reference[first:])
-    tones = zip(found.frequencies, found.shares, strict=True)
-    return Undisturbed(first, found.rest, tuple(Tone(each / model.sample_time, share) for each, share in tones))
+    tones_of_errors = find_tones(errors[first:], reference[first:])
+    tones = zip(tones_of_errors.frequencies, tones_of_errors.shares, strict=True)
+    return Undisturbed(
+        first, tones_of_errors.rest, tuple(Tone(each / model.sample_time, share) for each, share in tones)
+    )
 
 
 def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
     """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well."""
     whole = signals - signals.mean(axis=0)
     size = np.maximum(whole.std(axis=0), np.finfo(float).tiny)
-    rest, found = whole / size, list[float]()
+    rest, frequencies = whole / size, list[float]()
     if len(rest) < _FEWEST:
         return Tones((), (), whole)
     excited = _stands_out(reference) if reference is not None else np.zeros(len(rest) // 2 + 1, bool)
     for _ in range(_PASSES):
         power = _power(rest)
         lines = np.flatnonzero(_peaks(power) & ~excited)
-        strongest = lines[np.argsort(-power[lines])][: _MOST - len(found)]
+        strongest = lines[np.argsort(-power[lines])][: _MOST - len(frequencies)]
         new = [frequency for line in strongest if (frequency := _tone_at(rest, int(line), power)) is not None]
         if not new:
             break
-        found += new
-        rest = without_tones(whole / size, found)
+        frequencies += new
+        rest = without_tones(whole / size, frequencies)
         rest = rest - rest.mean(axis=0)
-    shares = [float(np.max(1.0 - np.mean(without_tones(whole / size, [one]) ** 2, axis=0))) for one in found]
+    shares = [float(np.max(1.0 - np.mean(without_tones(whole / size, [one]) ** 2, axis=0))) for one in frequencies]
     order = np.argsort([-share for share in shares])
-    return Tones(tuple(found[place] for place in order), tuple(shares[place] for place in order), rest * size)
+    return Tones(tuple(frequencies[place] for place in order), tuple(shares[place] for place in order), rest * size)
 
 
 def without_tones(signals: Arrays, frequencies: Sequence[float]) -> Arrays:
@@ -151,9 +153,9 @@ def _peaks(power: Arrays) -> NDArray[np.bool_]:
     """Lines that stand out of those beside them, and are the highest of these."""
     padded = np.pad(power, _BESIDE, mode="reflect")
     highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1).max(axis=1)
-    found = (power > _TONE * _beside(power)) & (power >= highest)
-    found[:2] = False  # the mean behind the window
-    return np.asarray(found)
+    lines = (power > _TONE * _beside(power)) & (power >= highest)
+    lines[:2] = False  # the mean behind the window
+    return np.asarray(lines)
 
 
 def _stands_out(reference: Arrays) -> NDArray[np.bool_]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from amb_core.data.controller_choice import suits_controller
 from amb_core.data.experiments import Finding, IdentificationData, Severity, restore
@@ -22,9 +23,9 @@ from amb_core.identification.validation.judge import NOTED
 from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
-from amb_core.identification.validation.ringing import LONGEST, find_ringing
+from amb_core.identification.validation.ringing import LONGEST, Ringing, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
-from amb_core.identification.validation.tones import undisturbed
+from amb_core.identification.validation.tones import Undisturbed, undisturbed
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
@@ -111,31 +112,19 @@ def _validate(
         prediction = predict(model, data, horizons)
         references = [item.inputs if in_open_loop(data) else item.reference for item in data.experiments]
         quiet = [undisturbed(model, *pair) for pair in zip(prediction.residuals, references, strict=True)]
-        errors_of = [one.errors for one in quiet]
-        inputs_of = [item.inputs[one.first :] for item, one in zip(data.experiments, quiet, strict=True)]
-        outputs_of = [item.outputs[one.first :] for item, one in zip(data.experiments, quiet, strict=True)]
         residuals = check_residuals(
             prediction.residuals,
             [item.inputs for item in data.experiments],
             lags,
             model.order * (2 * len(model.c) + model.b.shape[1]) + (model.d.size if np.any(model.d) else 0),
             model.samples,
-            (errors_of, inputs_of),
+            ([one.errors for one in quiet], _from_first(data, quiet, "inputs")),
         )
         loop = _closed_loop(model, data, controller, prediction)
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
         deviations = find_deviations(model, data, prediction, known)
-        ringing = find_ringing(
-            errors_of,
-            inputs_of,
-            outputs_of,
-            data.sample_time,
-            1.0 + (data.samples / model.samples if model.samples else 0.0),
-            lambda index: effects_of(model, data, prediction, index, quiet[index].first + LONGEST)[
-                quiet[index].first :
-            ],
-        )
+        ringing = _ringing(model, data, prediction, quiet)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
     findings = tuple(check_recording(data))
     noted = [f"{one.check}: {one.text}" for one in findings if one.check == NOTED and one.severity is not Severity.INFO]
@@ -161,6 +150,27 @@ def _validate(
         undecided=uncertainty.at_one if uncertainty is not None else None,
         tones=max(quiet, key=lambda one: len(one.errors)).tones,
     )
+
+
+def _ringing(
+    model: StateSpaceModel, data: IdentificationData, prediction: Prediction, quiet: Sequence[Undisturbed]
+) -> Ringing | None:
+    """What rings in the errors without tones, beside the deviations that are known by name."""
+    return find_ringing(
+        [one.errors for one in quiet],
+        _from_first(data, quiet, "inputs"),
+        _from_first(data, quiet, "outputs"),
+        data.sample_time,
+        1.0 + (data.samples / model.samples if model.samples else 0.0),
+        lambda index: effects_of(model, data, prediction, index, quiet[index].first + LONGEST)[quiet[index].first :],
+    )
+
+
+def _from_first(
+    data: IdentificationData, quiet: Sequence[Undisturbed], signal: Literal["inputs", "outputs"]
+) -> list[NDArray[np.float64]]:
+    """A signal of each experiment, from the first sample that counts."""
+    return [getattr(item, signal)[one.first :] for item, one in zip(data.experiments, quiet, strict=True)]
 
 
 def _fitting(data: IdentificationData, model: StateSpaceModel) -> IdentificationData:
@@ -220,9 +230,9 @@ def _closed_loop(
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
-    found = check_closed_loop(model, controller, measured, prediction.first_states[known])
+    closed_loop = check_closed_loop(model, controller, measured, prediction.first_states[known])
     residuals = [prediction.residuals[index] for index in known]
-    return _Loop(found, possible_fit(model, controller, measured, residuals), "", tuple(notes))
+    return _Loop(closed_loop, possible_fit(model, controller, measured, residuals), "", tuple(notes))
 
 
 def _controller_check(data: IdentificationData, controller: KnownController | None, loop: _Loop) -> Finding:

@@ -122,13 +122,8 @@ def distortion_of(
     each = sum(  # of the distortion, for every experiment: at the lines that are not excited, and below at the others
         (np.abs(mean[:, kind]) ** 2).sum(axis=1) - noise[kind].sum(axis=0) for kind in (lines.odd, lines.even)
     )
-    together = np.concatenate([item.reference for item in experiments])
-    moving = np.ptp(together, axis=0) > 0.0
-    r, y, u = (np.moveaxis(part[:, at], 0, -1) for part in (averages.reference[..., moving], mean, averages.current))
-    directions = _directions(together[:, moving])
-    independent = len(directions) == r.shape[1]
-    if not independent:  # some references move only together, as those of a rigid mode do
-        r = directions @ r
+    y, u = (np.moveaxis(part[:, at], 0, -1) for part in (mean, averages.current))
+    r, moving, independent = _moving(experiments, np.moveaxis(averages.reference[:, at], 0, -1))
     columns = r.shape[1]  # r: line, moving axis or direction, experiment
     by_lines = not _dependent(r).any()
     method: Method = "robust" if by_lines and len(experiments) > columns else "fast"
@@ -176,6 +171,22 @@ def distortion_of(
         periods=min(len(item.position) for item in experiments),
         period=lines.steps * sample_time,
     )
+
+
+def _moving(
+    experiments: Sequence[PeriodicResponse], reference: NDArray[np.complex128]
+) -> tuple[NDArray[np.complex128], NDArray[np.bool_], bool]:
+    """References that move independently; which axes have one, and whether it is each axis' own.
+
+    `reference` has the shape (lines, axes, experiments).
+    """
+    together = np.concatenate([item.reference for item in experiments])
+    moving = np.ptp(together, axis=0) > 0.0
+    reference = reference[:, moving]
+    directions = _directions(together[:, moving])
+    if len(directions) == reference.shape[1]:
+        return reference, moving, True
+    return np.asarray(directions @ reference), moving, False  # as those of a rigid mode, some move only together
 
 
 def _beyond_mean(power: Values, together: int) -> Values:

@@ -97,8 +97,7 @@ def analyse(
     bins = np.array([place for place in products if place > 0], dtype=np.intp)
     transforms = np.fft.rfft(position[: count * block].reshape(count, block), axis=1) / block
     blocks = Blocks(2.0 * transforms[:, bins], transforms[:, 0].real)
-    duration = (record.steps - start) * record.sample_time
-    state, reason, first = _judge(blocks, settings, delevitated, duration)
+    state, reason, first = _judge(blocks, settings, delevitated, (record.steps - start) * record.sample_time)
     used = min(wanted, count)
     line_change, bias_change = blocks.change(first, used)
     steps = used * block

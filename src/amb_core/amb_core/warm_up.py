@@ -1,4 +1,4 @@
-"""Compiles every kernel into numba's cache, so that no node has to: `python -m amb_core.robustness.warm_up`."""
+"""Compiles every kernel into numba's cache, so that no node has to: `python -m amb_core.warm_up`."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def warm_up() -> None:
         identify(part, order=4, method="pem", focus=focus)
     linear = LinearControl(pd_as_linear(controller), LinearControllerParameters())
     LinearController(linear.model, linear.parameters, 2, linear.sample_rate).update((0.0, 0.0), (0.0, 0.0))
-    found = identify(part, order=4, method="pem", focus="simulation", controller=linear)
-    validate_model(found.model, found.data, linear)
+    identification = identify(part, order=4, method="pem", focus="simulation", controller=linear)
+    validate_model(identification.model, identification.data, linear)
 
 
 if __name__ == "__main__":

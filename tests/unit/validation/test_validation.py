@@ -1,0 +1,217 @@
+"""Validation: true models pass, wrong ones fail for the right reason, and data that tell nothing are refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from amb_core.data.experiments import detrend, merge
+from amb_core.ground.errors import IdentificationError
+from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
+from amb_core.identification.validation import predict
+from amb_core.identification.validation.report import WIDTH
+from amb_core.loop.control import ControllerParameters
+
+CONTROLLER = ControllerParameters()
+
+
+def test_the_true_model_is_validated(validation: Validation) -> None:
+    assert validation.white and validation.independent and validation.closed_loop_stable and validation.validated
+    assert validation.fit.min() > 99.0 and validation.one_step_fit.min() > 99.8
+
+
+def test_residuals_of_the_true_model_have_the_covariance_of_its_innovations(
+    validation: Validation, model: StateSpaceModel
+) -> None:
+    expected = np.sqrt(np.diag(model.innovation_covariance))
+    assert validation.residuals.deviation == pytest.approx(expected, rel=0.03)  # 6000 samples: one sigma is 0.9 %
+
+
+def test_a_model_of_too_low_an_order_fails(data: IdentificationData, model: StateSpaceModel) -> None:
+    """Without the actuators' states the first lags of the inputs explain what is missing."""
+    low = replace(
+        model, a=model.a[:4, :4], b=model.b[:4] + 0.1 * model.b[:4], c=model.c[:, :4], k=model.k[:4],
+        initial_state=np.zeros(4),
+    )  # fmt: skip
+    validation = validate(low, data, CONTROLLER)
+    assert not validation.independent and validation.verdict != "validated"
+    assert "Raise the order" in " ".join(validation.report().split())
+
+
+def test_k_steps_ahead_is_the_filtered_state_left_alone(data: IdentificationData, model: StateSpaceModel) -> None:
+    short = data.window(0, 400)
+    prediction = predict(model, short, (1, 7))
+    item = short.experiments[0]
+    u, y = item.inputs - model.input_offset, item.outputs
+    state, expected = prediction.first_states[0], []
+    for step in range(400):
+        ahead = state
+        for later in range(step, min(step + 6, 400)):
+            ahead = model.a @ ahead + model.b @ u[later]
+        expected.append(model.c @ ahead)  # of y[step + 6] from outputs before `step`
+        state = model.a @ state + model.b @ u[step] + model.k @ (y[step] - model.c @ state)
+    spread = np.linalg.norm(y[6:] - y[6:].mean(axis=0), axis=0)
+    error = np.linalg.norm(y[6:] - np.array(expected[:-6]), axis=0)
+    assert prediction.fit_at(7) == pytest.approx(100.0 * (1.0 - error / spread), abs=1e-6)
+
+
+def test_predictions_get_worse_with_the_horizon(validation: Validation) -> None:
+    fit = [validation.prediction.fit_at(horizon).min() for horizon in (1, 20, 100)]
+    assert fit[0] > fit[1] > fit[2]
+
+
+def test_a_model_with_feedthrough_predicts_what_it_makes() -> None:
+    random = np.random.default_rng(0)
+    u = random.normal(size=(300, 1))
+    y = lfilter([0.5, 0.2], [1.0, -0.8], u, axis=0) + 3.0
+    first_order = StateSpaceModel(
+        [[0.8]], [[1.0]], [[0.6]], [[0.5]], [[0.1]], [[1e-12]], [0.0], [3.0], [0.0], 1e-3, ("u",), ("y",)
+    )  # fmt: skip
+    prediction = predict(first_order, IdentificationData.from_arrays(u, y, 1e-3, input_names=["u"], output_names=["y"]))
+    assert np.abs(prediction.residuals[0]).max() < 1e-12
+
+
+def test_the_first_state_of_other_data_is_found(bearing, data: IdentificationData, model: StateSpaceModel) -> None:
+    """Amid a square wave the rotor moves: a start at rest would show in the first residuals."""
+    amid = data.window(1_010, 3_000)
+    residuals = predict(model, amid).residuals[0][:20]
+    assert np.abs(residuals).max() < 6.0 * np.sqrt(model.innovation_covariance.max())
+
+
+def test_data_amid_a_run_are_followed_from_the_start(data: IdentificationData, model: StateSpaceModel) -> None:
+    assert validate(model, data.window(1_010, 5_500), CONTROLLER).fit.min() > 99.0
+
+
+def test_means_are_what_the_deviations_lack(bearing, validation: Validation) -> None:
+    """Without its offsets the model does not know that gravity holds the rotor below the reference."""
+    loop = validation.closed_loop
+    assert loop is not None
+    assert loop.fit_without_means[1] < 50.0 < 99.0 < loop.fit[1]
+    sag = [record.position[-1] for record in (*loop.simulated, *loop.without_means) if record is not None]
+    assert sag[1][1] - sag[0][1] == pytest.approx(-loop.measured[0].position[:, 1].mean(), rel=0.02)
+
+
+def test_another_load_shows_as_an_offset(data: IdentificationData, model: StateSpaceModel) -> None:
+    light = replace(model, input_offset=0.5 * model.input_offset)
+    validation = validate(light, data, CONTROLLER)
+    assert validation.closed_loop is not None and validation.closed_loop.offset[1] < -10e-6
+    assert not validation.validated and "rests elsewhere" in validation.report()
+
+
+def test_a_gain_that_is_wrong_shows_in_closed_loop_and_frequency_response(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    validation = validate(replace(model, b=1.2 * model.b), data, CONTROLLER)
+    assert not validation.validated and validation.verdict == "not validated"
+    text = " ".join(validation.report().split())
+    assert "FAILED the frequency response agrees" in text and "FAILED gains, dead times" in text
+
+
+def test_what_matters_little_is_a_reservation(data: IdentificationData, model: StateSpaceModel) -> None:
+    """A gain that is off by 1 % hardly shows in closed loop, and clearly in the residuals."""
+    validation = validate(replace(model, b=1.01 * model.b), data, CONTROLLER)
+    assert validation.validated and not validation.independent
+    assert validation.verdict == "validated with reservations"
+    assert validation.summary.startswith("validated with reservations: ")
+
+
+def test_a_loop_that_diverges_is_no_error(data: IdentificationData, model: StateSpaceModel) -> None:
+    validation = validate(replace(model, b=-model.b), data, CONTROLLER)
+    assert validation.closed_loop_stable is False and not validation.validated
+    assert np.all(validation.fit == -np.inf)
+    text = json.dumps(validation.as_dict(), allow_nan=False)
+    assert json.loads(text)["closed_loop"]["fit_percent"] == [None, None]
+    assert "UNSTABLE" in validation.report()
+
+
+def test_without_controller_or_reference_the_closed_loop_is_left_out(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
+    for validation, reason in (
+        (validate(model, data), "controller is not known"),
+        (validate(model, alone, CONTROLLER), "no reference"),
+    ):
+        assert validation.closed_loop is None and validation.closed_loop_stable is None and validation.fit.size == 0
+        assert validation.verdict == "validated with reservations" and reason in " ".join(validation.report().split())
+
+
+def test_experiments_without_reference_are_counted(data: IdentificationData, model: StateSpaceModel) -> None:
+    alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
+    validation = validate(model, merge([data, alone]), CONTROLLER)
+    assert "1 experiment without reference left out" in validation.report()
+    assert validation.residuals.samples == 2 * data.samples
+
+
+def test_detrended_data_give_the_same_verdict(
+    data: IdentificationData, model: StateSpaceModel, validation: Validation
+) -> None:
+    again = validate(model, detrend(data), CONTROLLER)
+    assert again.fit == pytest.approx(validation.fit, abs=1e-6)
+    assert again.residuals.whiteness.statistic == pytest.approx(validation.residuals.whiteness.statistic, rel=1e-6)
+
+
+def test_the_report_is_a_page_of_plain_text(validation: Validation) -> None:
+    lines = validation.report().splitlines()
+    assert len(lines) < 80 and max(map(len, lines)) <= WIDTH
+    for part in ("CLOSED LOOP", "PREDICTION", "RESIDUALS", "FREQUENCY", "VERDICT      validated"):
+        assert any(line.startswith(part) for line in lines)
+    assert any(line.startswith("    standard deviation (m)") for line in lines)
+    assert "\n" not in validation.summary and validation.summary.startswith("validated: truth, order 6")
+
+
+def test_the_numbers_are_strict_json(validation: Validation) -> None:
+    values = json.loads(json.dumps(validation.as_dict(), allow_nan=False))
+    assert values["validated"] is True
+    assert values["closed_loop"]["fit_percent"] == pytest.approx(validation.fit.tolist())
+    assert values["residuals"]["whiteness"]["passed"] is True
+
+
+def with_outputs(data: IdentificationData, outputs: np.ndarray) -> IdentificationData:
+    return replace(data, experiments=tuple(replace(item, outputs=outputs) for item in data.experiments))
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda data: replace(data, sample_time=2e-4), r"sample time of 0\.0002 s, the model of 0\.0001 s"),
+        (lambda data: replace(data, output_names=("x", "z")), "the data have the outputs x, z, the model x, y"),
+        (lambda data: data.window(0, 220), "220 samples are too few to test residuals over 25 lags"),
+        (lambda data: with_outputs(data, np.full((6_000, 2), np.nan)), "experiment 0 holds values that are not finite"),
+        (lambda data: with_outputs(data, np.zeros((6_000, 2))), "output 0 is constant"),
+    ],
+)
+def test_data_that_do_not_fit_are_refused(
+    data: IdentificationData,
+    model: StateSpaceModel,
+    change: Callable[[IdentificationData], IdentificationData],
+    reason: str,
+) -> None:
+    with pytest.raises(IdentificationError, match=reason):
+        validate(model, change(data), CONTROLLER)
+
+
+def test_horizons_are_those_that_the_shortest_experiment_allows_unless_they_are_given(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    short = replace(
+        data.window(0, 260), experiments=(*data.window(0, 260).experiments, *data.window(300, 450).experiments)
+    )
+    assert validate(model, short, CONTROLLER).horizons == (1, 5, 20)
+    with pytest.raises(IdentificationError, match="horizons from 1 to 100 steps are not allowed"):
+        validate(model, short, CONTROLLER, horizons=(1, 100))
+
+
+def test_a_model_without_stable_predictor_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
+    with pytest.raises(IdentificationError, match=r"predictor of the model is unstable \(spectral radius"):
+        validate(replace(model, k=np.zeros((6, 2))), data, CONTROLLER)
+
+
+def test_a_controller_of_another_rate_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
+    with pytest.raises(IdentificationError, match="must have one sample time"):
+        validate(model, data, ControllerParameters(sample_rate=20_000.0))
