@@ -132,15 +132,23 @@ build() {
 }
 
 # numba notices a change of the file that a compiled function stands in, not of what that function calls.
-compile_kernels() {
-    say "compiling the numerical kernels (a few minutes)"
+# The kernels need nothing that is built, so they are compiled meanwhile: those of the plant take as long as all others.
+start_kernels() {
+    say "compiling the numerical kernels (some minutes)"
     rm -f "$kernel_stamp"
     find src/amb_core/amb_core -name '*.nb[ic]' -delete
-    (
-        set +u    # the set-up files that colcon writes do without
-        source scripts/env.sh
-        python -m amb_core.warm_up
-    )
+    local part
+    for part in plant estimates; do
+        PYTHONPATH=src/amb_core "$venv/bin/python" -m amb_core.warm_up "$part" &
+        compiling+=($!)
+    done
+    trap 'kill "${compiling[@]}" 2> /dev/null' EXIT    # whatever ends the set-up ends them too
+}
+
+finish_kernels() {
+    local process
+    for process in "${compiling[@]}"; do wait "$process" || fail "the kernels could not be compiled"; done
+    trap - EXIT
     kernel_state | checksum > "$kernel_stamp"
 }
 
@@ -174,7 +182,9 @@ for name in ${EXTRAS:-}; do
 done
 if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
 add_extras
+compiling=()
+if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then start_kernels; fi
 if [ ! -d build ] || [ "$(cat "$build_stamp" 2>/dev/null)" != "$(build_state | checksum)" ]; then build; fi
 if [ ! -f "$target_library" ] || [ -n "$(find target -name '*.[ch]' -newer "$target_library")" ]; then build_target; fi
 [ -f "$(correction)" ] || build_correction
-if [ "$(cat "$kernel_stamp" 2>/dev/null)" != "$(kernel_state | checksum)" ]; then compile_kernels; fi
+if [ ${#compiling[@]} -gt 0 ]; then finish_kernels; fi

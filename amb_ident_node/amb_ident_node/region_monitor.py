@@ -186,7 +186,7 @@ class RegionMonitorNode(Node):
 
         settings = map_settings_from_message(goal)
         plant, controller = self._loop_parameters(goal.parameter_file)
-        radius = plant.rotor.backup_bearing_radius
+        regions = self._regions.model_copy(update={"backup_bearing_radius": plant.rotor.backup_bearing_radius})
         path = _new_file(goal.path)
 
         def report(progress: MapProgress) -> None:
@@ -204,7 +204,7 @@ class RegionMonitorNode(Node):
                 settings,
                 plant,
                 controller,
-                self._regions.model_copy(update={"backup_bearing_radius": radius}),
+                regions,
                 scheduler=self._settings.scheduler or None,
                 progress=report,
                 cancelled=ended,
@@ -217,15 +217,18 @@ class RegionMonitorNode(Node):
         if ended():
             result.message = f"cancelled after {sweeps}, which stay in the cache"
             return result
-        self._maps += 1
-        result.map.sequence = self._maps
-        self._map_publisher.publish(result.map)
+        self._publish_map(result.map)
         result.path = "" if path is None else _saved(region_map, path)
         resolved = "resolved" if region_map.complete else f"not resolved, max_sweeps = {settings.max_sweeps} are done"
         result.success = True
         result.message = f"{sweeps}, boundaries {resolved}"
         self.get_logger().info(f"region map: {result.message}")
         return result
+
+    def _publish_map(self, message: RegionMap) -> None:
+        self._maps += 1
+        message.sequence = self._maps
+        self._map_publisher.publish(message)
 
     def _fill_map(self, message: RegionMap, region_map: BuiltMap) -> None:
         fill_region_map(message, region_map)

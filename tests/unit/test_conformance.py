@@ -15,7 +15,9 @@ def test_the_example_keeps_to_the_protocol() -> None:
     assert named(None) == []
 
 
-@pytest.mark.parametrize("name", ["last byte of the tag not checked", "status word in the wrong place"])
+@pytest.mark.parametrize(
+    "name", ["last byte of the tag not checked", "status word in the wrong place", "record from the start of the ring"]
+)
 def test_a_planted_fault_is_named(name: str) -> None:
     assert FAULTS[name].check in {one.check for one in named(FAULTS[name])}
 

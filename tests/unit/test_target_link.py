@@ -26,7 +26,7 @@ from amb_core.rig.link import (
     TelemetryBlock,
     TooLateError,
 )
-from amb_core.rig.link.amb_udp import STREAM_TIMEOUT
+from amb_core.rig.link.session import STREAM_TIMEOUT
 from tests.served_emulator import ServedEmulator
 from tests.soak.tap import Tap
 

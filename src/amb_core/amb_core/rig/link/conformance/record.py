@@ -1,4 +1,7 @@
-"""The second before a trip, as a port must keep it: of a trip that a lowered range of the sensors causes, at rest."""
+"""The second before a trip, as a port must keep it: of a trip that a lowered range of the sensors causes, at rest.
+
+Its rows are compared with the telemetry of the same steps: rows of other steps can look as if they were right.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,18 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from amb_core.rig.link import commands
 from amb_core.rig.link.answers import TelemetryBlock, Trip
-from amb_core.rig.link.conformance.exchange import Exchange
+from amb_core.rig.link.conformance.exchange import Exchange, Received
 from amb_core.rig.link.layout import Code, TargetState
+
+Arrays = NDArray[np.float64]
 
 MOVED = 1e-6  # m: reference of the later rows; earlier ones have 0
 PAUSE = 0.05  # s at each reference
+FRAME = 20  # samples of telemetry
 NOTHING = 1e-15  # m: no sensor shows less all the time
 
 
@@ -35,19 +42,30 @@ def check_record(target: Exchange) -> Iterator[str]:
     known = target.command(commands.record(0)).code is not Code.UNKNOWN
     if not known or target.command(commands.fault_reset()).code is not Code.DONE:  # locked after a trip of before
         return
-    for place in (0.0, MOVED):
-        target.command(commands.nominal_reference((place,) * axes))
-        target.listen(PAUSE)
+    telemetry = _moved(target, axes)
     target.command(commands.limits(replace(limits, sensor_range=NOTHING)))
     trip = _first_trip(target)
     if trip is not None:
-        yield from _rows(target, trip)
+        yield from _rows(target, trip, telemetry)
     for command in (
         commands.limits(limits), commands.fault_reset(), commands.nominal_reference((0.0,) * axes),
     ):  # fmt: skip
         target.command(command)
     if target.command(commands.record(0)).code is not Code.WRONG_STATE:
         yield "FAULT_RESET does not forget the second before a trip"
+
+
+def _moved(target: Exchange, axes: int) -> list[TelemetryBlock]:
+    """Telemetry while the reference moves."""
+    target.command(commands.stream(FRAME))
+    heard: list[Received] = []
+    for place in (0.0, MOVED):
+        move = commands.nominal_reference((place,) * axes)
+        target.send(target.writer.write(move))
+        heard += target.listen(PAUSE)
+        target.command(move)  # where the first was lost
+    target.command(commands.stream(0))
+    return [one.answer for one in heard if isinstance(one.answer, TelemetryBlock)]
 
 
 def _first_trip(target: Exchange) -> Trip | None:
@@ -59,7 +77,7 @@ def _first_trip(target: Exchange) -> Trip | None:
     return None
 
 
-def _rows(target: Exchange, trip: Trip) -> Iterator[str]:
+def _rows(target: Exchange, trip: Trip, telemetry: list[TelemetryBlock]) -> Iterator[str]:
     blocks: list[TelemetryBlock] = []
     rows = -1
     while rows < 0 or sum(block.steps for block in blocks) < rows:
@@ -85,5 +103,18 @@ def _rows(target: Exchange, trip: Trip) -> Iterator[str]:
         reference[-1], np.full(reference.shape[1], MOVED, np.float32)
     ):
         yield "RECORD: references that are not those of the steps before the trip, in their order"
+    elif not all(_agree(block, first, reference, position) for block in telemetry):
+        yield "RECORD: rows that are not those of the telemetry of the same steps"
     if current.any() or np.isnan(position).any():
         yield "RECORD: currents while the amplifiers are off, or positions that are none"
+
+
+def _agree(block: TelemetryBlock, first: int, reference: Arrays, position: Arrays) -> bool:
+    """Whether telemetry has the values of the rows, which begin at a step, as far as both have the same steps."""
+    low, high = max(block.first_step, first), min(block.first_step + block.steps, first + len(reference))
+    if low >= high:
+        return True
+    sent, kept = slice(low - block.first_step, high - block.first_step), slice(low - first, high - first)
+    return np.array_equal(block.reference[sent], reference[kept]) and np.array_equal(
+        block.position[sent], position[kept], equal_nan=True
+    )
