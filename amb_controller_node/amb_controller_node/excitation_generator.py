@@ -9,6 +9,7 @@ what it published, and a stop does not wait: it calls off every start that arriv
 
 from __future__ import annotations
 
+import secrets
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -45,6 +46,10 @@ P = TypeVar("P", bound=Parameters)
 
 CONTROLLER_SLOWNESS = 5.0  # longest time of a controller for the samples, relative to the time of the generator
 
+HIGHEST_FIRST_ID = 2**31
+"""Ids count from anywhere below it: answers to a generator before this one, which stay on their topic and in bags, are
+of other ids then."""
+
 DELIVERY = Duration(seconds=1)  # longest wait until an excitation has arrived everywhere
 CALLED_OFF = "called off by a stop"
 REQUEST_FIELDS = [
@@ -63,7 +68,7 @@ class ExcitationGeneratorNode(Node):
         self._run = 0
         self._run_known = threading.Event()
         self._publishing = threading.Lock()  # of id, stops, awaited and latched
-        self._id = 0
+        self._first_id = self._id = secrets.randbelow(HIGHEST_FIRST_ID)
         self._stops = 0  # requests to stop that have arrived
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
         self._latched: Excitation | None = None  # the last one that a controller has accepted
@@ -284,7 +289,7 @@ class ExcitationGeneratorNode(Node):
                 answer.set_result(message)
 
     def _report(self) -> diagnostics.Report:
-        values = {"run": self._run, "excitations": self._id}
+        values = {"run": self._run, "excitations": self._id - self._first_id}
         if self._machine_input.problem:
             return diagnostics.WARN, self._machine_input.problem, values
         return diagnostics.OK, "ready", values

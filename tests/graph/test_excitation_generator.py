@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from tests.graph.conftest import Graph
+    from tests.graph.processes import NodeProcess
 
 GENERATOR = "amb_controller_node.excitation_generator"
 RUN = 5
@@ -37,9 +38,18 @@ class Controlled:
         self._states.publish(SimulatorState(run=RUN))
         self._status = node.create_publisher(ExcitationStatus, "/amb/excitation_status", EVERY_STATE)
         node.create_subscription(Excitation, "/amb/excitation", self._on_excitation, EVERY_STATE)
-        graph.start(GENERATOR, parameters={"answer_timeout": 60.0})
+        self._process = self._start_generator()
         self._start = node.create_client(StartExcitation, "/amb/excitation_generator/start")
         graph.wait_until(self._status.get_subscription_count, "the generator")
+
+    def _start_generator(self) -> NodeProcess:
+        return self.graph.start(GENERATOR, parameters={"answer_timeout": 60.0})
+
+    def start_anew(self) -> None:
+        """End the generator and start another one."""
+        self.graph.stop(self._process)
+        self._process = self._start_generator()
+        self.heard.clear()
 
     def _on_excitation(self, message: Excitation) -> None:
         if any((message.id, message.first_step) == (known.id, known.first_step) for known in self.heard):
@@ -49,6 +59,16 @@ class Controlled:
         accepted = self.answers(message)
         if accepted is not None and not again:
             self._status.publish(ExcitationStatus(run=RUN, id=message.id, accepted=accepted, first_step=7))
+
+    def refuse(self, number: int, reason: str) -> None:
+        """Answer an excitation of any time."""
+        self._status.publish(ExcitationStatus(run=RUN, id=number, accepted=False, message=reason))
+
+    def asked(self) -> Any:
+        """The response to a request."""
+        start = self.ask_to_start()
+        self.graph.wait_until(start.done, "the answer")
+        return start.result()
 
     def ask_to_start(self) -> Any:
         """A request whose answer the test does not wait for."""
@@ -103,6 +123,23 @@ def test_a_refused_start_leaves_what_plays(generator: Controlled) -> None:
     latched = generator.latched()
     assert latched.id == generator.heard[0].id, "the first one, which goes on"
     assert latched.first_step == 7, "with its step resolved"
+
+
+def test_an_answer_to_a_generator_before_it_is_no_answer(graph: Graph) -> None:
+    """Answers stay on their topic, and may reach a generator that starts anew after its own first request."""
+    generator = Controlled(graph)
+    assert generator.asked().success
+    before = generator.heard[0].id
+    generator.start_anew()
+
+    def answer_late(message: Excitation) -> bool:
+        generator.refuse(before, "of another time")
+        return True
+
+    generator.answers = answer_late
+    answer = generator.asked()
+    assert answer.success, answer.message
+    assert generator.heard[-1].id != before
 
 
 def test_a_refused_start_is_taken_back_where_nothing_played(generator: Controlled) -> None:

@@ -51,7 +51,7 @@ def answer_to(message: Excitation) -> ExcitationStatus:
 def identity_of(message: Excitation, first_step: int) -> Identity:
     """What is equal in two copies of an excitation, with its step as it was resolved.
 
-    A generator that starts anew counts its numbers from 1 again.
+    More than its number: two generators, or an own node of a user, may choose the same ones.
     """
     return (
         message.run, message.id, message.kind, message.description, message.steps or length(message),
