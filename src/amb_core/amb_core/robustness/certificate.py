@@ -283,7 +283,7 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
 
 
 def _perturbation_checks(assessment: Assessment) -> list[Check]:
-    """What the loop of the model itself bears."""
+    """What the loop of the model itself tolerates."""
     mu = assessment.mu
     return [
         Check(

@@ -187,7 +187,7 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
             self._send(commands.current(self._session, step, current))
 
     def levitate(self, seconds: float) -> None:
-        """Close the loop in so many seconds.
+        """Close the loop over a time.
 
         Parameters
         ----------
