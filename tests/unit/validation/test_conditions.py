@@ -247,7 +247,7 @@ def test_a_certificate_takes_the_word_of_the_validation(
 
 
 def test_the_rule_is_on_the_page_about_validation() -> None:
-    page = Path(__file__).parents[2] / "docs" / "explanation" / "validation.md"
+    page = Path(__file__).parents[3] / "docs" / "explanation" / "validation.md"
     assert rule_table() in page.read_text(encoding="utf-8"), "put in what rule_table() returns"
 
 
