@@ -22,6 +22,7 @@ from amb_core.excitation import Square
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.linear_control import pd_as_linear
 from amb_msgs.msg import BridgeState, Trip
+from amb_ros.requests import PendingRequest
 from tests.soak.session import Session
 
 SQUARE = Square(amplitude=5e-6, duration=20.0, frequency=20.0)
@@ -219,6 +220,8 @@ def _set(session: Session, node: str, **values: Any) -> None:
     client = session.amb.node.create_client(SetParameters, f"{node}/set_parameters")
     session.wait_until(client.service_is_ready, f"the node {node}")
     parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-    answer = client.call_async(SetParameters.Request(parameters=parameters))
-    session.wait_until(answer.done, f"an answer of {node}")
+    # The answer to the first request of a new client gets lost where the node has not discovered the client yet.
+    pending = PendingRequest(client, SetParameters.Request(parameters=parameters), repeat_after=2.0)
+    session.wait_until(lambda: pending.answer() is not None, f"an answer of {node}")
+    pending.forget()
     session.amb.node.destroy_client(client)
