@@ -129,6 +129,25 @@ def test_slow_modes_below_the_band_are_excluded_by_the_loop_or_by_noise(bearing,
         assert known_band(feedback, band, settings).reaches_down
 
 
+def test_slow_modes_are_no_larger_than_the_data_leave_open(bearing, true) -> None:
+    """Data from 2 Hz on that say too little for a bound up to 20 Hz, and enough for stability."""
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=2_000.0, **EXCITED)
+    feedback = feedback_of(true, LAW)
+    seen = band_of(true, record, feedback)
+    assert seen.frequency[0] < 3.0
+    for left_open, tolerated in ((0.6, True), (1.2, False)):
+        band = replace(
+            seen, shown=np.zeros_like(seen.shown), open=np.where(seen.frequency < 20.0, left_open, seen.open)
+        )
+        known = known_band(feedback, band, replaced(mode_gain=0.05, mode_damping=0.001), noise_explained=False)
+        assert known.low == pytest.approx(20.0, rel=0.01)
+        assert (known.slower < 1.0, known.reaches_down) == (tolerated, tolerated)
+        below = np.array([2.0 * seen.frequency[0], 19.0])
+        assert (known.error(feedback, below)[0] <= left_open).all()
+        if tolerated:
+            assert known.error(feedback, below)[0].max() > 0.5  # more than at the lower end
+
+
 def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(record, true) -> None:
     feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
     known = known_of(true, record, replaced(mode_gain=100.0))

@@ -11,8 +11,9 @@ Above it the response is that of a mass, continued from the last octave, and mod
 a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
 loop is known as a whole; otherwise, and where they leave its sensitivity beyond its zone (`assess_known`), nothing is
 stated above, nor on stability. Below the band the error is taken as large as at its lower end, if that lies well below
-the peak of the sensitivity, and slow modes are excluded: either the loop tolerates those of the same gain that ring
-down as assumed, or noise, which moves the rotor at all frequencies, shows none that the model lacks.
+the peak of the sensitivity and noise, which moves the rotor at all frequencies, shows no slow modes that the model
+lacks. Otherwise the error is that of the slow modes which the data leave open, of the same gain and ringing down as
+assumed, and the small gain has to hold with it.
 """
 
 from __future__ import annotations
@@ -44,8 +45,11 @@ class KnownBand:
         The band (Hz) in which the data say enough; NaN if there is none.
     reaches_down, reaches_up : bool
         Whether the assumptions cover what lies below it and above it.
+    noise_explained : bool
+        Whether the residuals show no dynamics that the model lacks.
     slower : float
-        Largest ||D C S|| of modes below it under the assumptions; below 1 they keep the loop stable.
+        Largest ||D C S|| below it of modes under the assumptions, or of what the data leave open where that is less;
+        below 1 they keep the loop stable.
     beyond : float
         Largest ||D C S|| above it under the assumptions; below 1 they keep the loop stable.
     band : ErrorBand or None
@@ -60,6 +64,7 @@ class KnownBand:
     high: float
     reaches_down: bool
     reaches_up: bool
+    noise_explained: bool
     slower: float
     beyond: float
     band: ErrorBand | None
@@ -90,12 +95,14 @@ class KnownBand:
     def error(self, feedback: Feedback, frequency: Arrays) -> tuple[Arrays, Complexes]:
         """Size of D N at frequencies of which something is stated, shape (f,), and N, shape (f, m, m).
 
-        N is C S in the band and at its lower end below it, so the size has no unit; above it is 1 (m/A).
+        N is C S in the band and below it, so the size has no unit; above it is 1 (m/A). Where noise shows no slow
+        modes, both are those of the band's lower end below it.
         """
         assert self.band is not None
-        above = frequency > self.high
-        at = np.clip(frequency, self.low, self.high)
+        above, below = frequency > self.high, (frequency < self.low) & (not self.noise_explained)
+        at = np.where(below, frequency, np.clip(frequency, self.low, self.high))
         error, action = self.band.within(at)[1], feedback.action(at)
+        error[below] = _of_slow_modes(feedback, frequency[below], self.band, self.settings)
         action[above] = np.eye(feedback.inputs)
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
@@ -129,7 +136,7 @@ def known_band(
     noise_explained : bool
         Whether the residuals show no dynamics that the model lacks.
     """
-    nothing = KnownBand(math.nan, math.nan, False, False, math.inf, math.inf, band, math.nan, settings)
+    nothing = KnownBand(math.nan, math.nan, False, False, noise_explained, math.inf, math.inf, band, math.nan, settings)
     if band is None:
         return nothing
     m, frequency = feedback.inputs, band.frequency
@@ -145,19 +152,23 @@ def known_band(
     low, high = float(frequency[first]), float(frequency[last])
     octave = np.geomspace(max(low, 0.5 * high), high, 50)
     mass = float(np.median(np.linalg.norm(feedback.plant.response(octave), 2, axis=(1, 2)) * octave**2))
-    slower = _slow_modes(feedback, low, settings)
+    slow = np.geomspace(_SLOWEST * low, low, 100)
+    slower = float(np.max(_of_slow_modes(feedback, slow, band, settings)))
     reaches_down = low <= BELOW * float(frequency[peak]) and (noise_explained or slower < 1.0)
-    known = KnownBand(low, high, reaches_down, True, slower, 0.0, band, mass, settings)
+    known = KnownBand(low, high, reaches_down, True, noise_explained, slower, 0.0, band, mass, settings)
     rest = np.geomspace(high, 0.5 / feedback.plant.sample_time, 500)[1:]
     by_action = np.linalg.norm(feedback.action(rest), 2, axis=(1, 2))
     beyond = float(np.max(by_action * known.error(feedback, rest)[0]))
     return replace(known, reaches_up=beyond < 1.0, beyond=beyond)
 
 
-def _slow_modes(feedback: Feedback, low: float, settings: RobustnessSettings) -> float:
-    """Largest ||D C S|| of modes below a frequency (Hz), of the assumed gain relative to the rotor's own motion."""
-    frequency = np.geomspace(_SLOWEST * low, low, 100)
+def _of_slow_modes(feedback: Feedback, frequency: Arrays, band: ErrorBand, settings: RobustnessSettings) -> Arrays:
+    """||D C S|| of modes of the assumed gain relative to the rotor's own motion, or of what the data leave open."""
+    if not len(frequency):
+        return np.zeros(0)
     damping = np.maximum(settings.mode_damping, 1.0 / (2.0 * np.pi * frequency * settings.mode_ring_down))
     motion = np.linalg.norm(feedback.plant.response(frequency), 2, axis=(1, 2))
     action = np.linalg.norm(feedback.action(frequency), 2, axis=(1, 2))
-    return float(np.max(settings.mode_gain / (2.0 * damping) * motion * action))
+    assumed = settings.mode_gain / (2.0 * damping) * motion * action
+    by_data = np.where(frequency < band.frequency[0], math.inf, band.within(frequency)[1])
+    return np.asarray(np.minimum(assumed, by_data))
