@@ -148,6 +148,18 @@ def test_slow_modes_are_no_larger_than_the_data_leave_open(bearing, true) -> Non
             assert known.error(feedback, below)[0].max() > 0.5  # more than at the lower end
 
 
+def test_below_a_band_whose_noise_is_not_explained_the_error_is_finite_on_any_grid(bearing, true) -> None:
+    """The data say nothing below 20 Hz: neither of a cell that reaches into the band nor of its lower end."""
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=2_000.0, **EXCITED)
+    feedback = feedback_of(true, LAW)
+    seen = band_of(true, record, feedback)
+    band = replace(seen, open=np.where(seen.frequency < 20.0, np.inf, seen.open))
+    known = known_band(feedback, band, replaced(mode_gain=1e-3), noise_explained=False)
+    assert known.reaches_down
+    for count in range(40, 60):
+        assert np.isfinite(known.error(feedback, np.geomspace(0.5 * known.low, known.high, count))[0]).all()
+
+
 def test_bounds_count_what_the_data_leave_open_and_the_verdict_names_the_band(record, true) -> None:
     feedback, uncertainty = feedback_of(true, LAW), estimate_uncertainty(true, IdentificationData.from_record(record))
     known = known_of(true, record, replaced(mode_gain=100.0))

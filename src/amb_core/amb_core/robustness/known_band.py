@@ -100,9 +100,10 @@ class KnownBand:
         """
         assert self.band is not None
         above, below = frequency > self.high, (frequency < self.low) & (not self.noise_explained)
-        at = np.where(below, frequency, np.clip(frequency, self.low, self.high))
-        error, action = self.band.within(at)[1], feedback.action(at)
-        error[below] = _of_slow_modes(feedback, frequency[below], self.band, self.settings)
+        inside = np.clip(frequency, self.low, self.high)
+        error, action = self.band.within(inside)[1], feedback.action(np.where(below, frequency, inside))
+        slow = np.append(frequency[below], self.low)  # what lies next to the band belongs to the last below it
+        error[below] = _of_slow_modes(feedback, slow, self.band, self.settings)[:-1]
         action[above] = np.eye(feedback.inputs)
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
@@ -164,8 +165,6 @@ def known_band(
 
 def _of_slow_modes(feedback: Feedback, frequency: Arrays, band: ErrorBand, settings: RobustnessSettings) -> Arrays:
     """||D C S|| of modes of the assumed gain relative to the rotor's own motion, or of what the data leave open."""
-    if not len(frequency):
-        return np.zeros(0)
     damping = np.maximum(settings.mode_damping, 1.0 / (2.0 * np.pi * frequency * settings.mode_ring_down))
     motion = np.linalg.norm(feedback.plant.response(frequency), 2, axis=(1, 2))
     action = np.linalg.norm(feedback.action(frequency), 2, axis=(1, 2))
