@@ -27,7 +27,7 @@ SLOW = """
 /amb/target_emulator:
   ros__parameters: {real_time_factor: 0.2, plant_waits: true, limits: {missed_steps: 1.0e9, host_time: 1.0e3}}
 /amb/hardware_bridge:
-  ros__parameters: {link: {timeout: 30.0}}
+  ros__parameters: {link: {timeout: 30.0, silence: 20.0}}
 """  # of docs/how-to/connect-a-rig.md: an ordinary computer does not keep real time
 
 
