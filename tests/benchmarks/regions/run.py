@@ -29,7 +29,7 @@ SUBJECTS: dict[str, dict[str, float]] = {
     "planted": {"cases": len(FAMILIES)},
     "design": {"bearings": 1, "new_seeds": 1, "duration": 0.1},
     "turning_map": {"amplitudes": 1, "sweep_end": 100.0},
-    "drift_identification": {"seeds": 1, "steps": 3_000},
+    "drift_identification": {"seeds": 1, "steps": 3_000, "every": 4},
     "dead_time": {"bearings": 3, "steps": 1_000},
     "lamination": {"terms": 1, "plants": 1},
 }
