@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -53,6 +54,23 @@ def test_a_hostile_table_is_refused_in_one_line(made: Callable[[str], Path], nam
         read(made(name))
     assert SECRET.decode() not in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_what_several_cells_of_a_matlab_file_refer_to_is_in_each_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "shared.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        numbers, other = file.create_dataset("x", data=[[1.0, 2.0, 3.0]]), file.create_dataset("z", data=[[4.0]])
+        inner = file.create_dataset("inner", (1, 2), dtype=h5py.ref_dtype)
+        inner[0, 0], inner[0, 1] = numbers.ref, other.ref
+        outer = file.create_dataset("outer", (1, 3), dtype=h5py.ref_dtype)
+        outer[0, 0], outer[0, 1], outer[0, 2] = inner.ref, inner.ref, numbers.ref
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    outer_cell = load_variables(path)["outer"]
+    assert outer_cell.shape == (1, 3)
+    for cell in outer_cell[0, :2]:
+        assert [item.ravel().tolist() for item in cell.ravel()] == [[1.0, 2.0, 3.0], [4.0]]
+    assert outer_cell[0, 2].ravel().tolist() == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(

@@ -100,15 +100,21 @@ class Expansion:
 
 
 class Items:
-    """Counts items of nested data, and refuses too many of them, or too deep ones."""
+    """Counts items of nested data, and refuses too many of them, or too deep ones.
+
+    Attributes
+    ----------
+    taken : int
+        Items so far.
+    """
 
     def __init__(self) -> None:
-        self._left = MOST_ITEMS
+        self.taken = 0
 
-    def take(self, depth: int) -> None:
-        """Count an item at a depth; OSError if it is too much."""
-        self._left -= 1
-        if self._left < 0:
+    def take(self, depth: int, number: int = 1) -> None:
+        """Count an item at a depth, or that many at and below it; OSError if it is too much."""
+        self.taken += number
+        if self.taken > MOST_ITEMS:
             raise too_much(f"has more than {MOST_ITEMS} items")
         if depth > DEEPEST:
             raise too_much(f"is nested deeper than {DEEPEST} levels")

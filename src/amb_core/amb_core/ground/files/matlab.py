@@ -94,8 +94,8 @@ def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
 
     try:
         with h5py.File(stream, "r") as content:
-            items = Items()
-            return {name: _member(content, content, name, items, 0) for name in content if not name.startswith("#")}
+            reader = _Hdf5Reader(content)
+            return {name: reader.member(content, name, 0) for name in content if not name.startswith("#")}
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as problem:
         if isinstance(problem, OSError) and problem.errno == errno.EFBIG:
             raise
@@ -104,35 +104,56 @@ def _load_hdf5(stream: BinaryIO) -> dict[str, Any]:
         ) from None
 
 
-def _member(file: Any, group: Any, name: str, items: Items, depth: int) -> Any:
-    """A variable or field by its name; one that is elsewhere, or a link to another name, is refused."""
-    with extra("files"):
-        import h5py  # takes a while to import
+class _Hdf5Reader:
+    """Reads variables of version 7.3 as `load_variables` returns them; what several cells refer to is read once."""
 
-    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-        raise IdentificationError(f"{name!r} is a link, which MATLAB does not write; allowed: data in the file itself")
-    return _of_hdf5(file, group[name], items, depth)
+    def __init__(self, file: Any) -> None:
+        self._file, self._items = file, Items()
+        self._known: dict[tuple[int, int], tuple[Any, int]] = {}  # by address and depth: the value, and its items
 
+    def member(self, group: Any, name: str, depth: int) -> Any:
+        """A variable or field by its name; one that is elsewhere, or a link to another name, is refused."""
+        import h5py
 
-def _of_hdf5(file: Any, item: Any, items: Items, depth: int) -> Any:
-    """A variable as `load_variables` returns it."""
-    import h5py
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise IdentificationError(
+                f"{name!r} is a link, which MATLAB does not write; allowed: data in the file itself"
+            )
+        return self._value(group[name], depth)
 
-    items.take(depth)
-    if isinstance(item, h5py.Group):
-        return {name: _member(file, item, name, items, depth + 1) for name in item}
-    if not isinstance(item, h5py.Dataset):
-        return None
-    if item.external or item.is_virtual:
-        raise IdentificationError(f"{item.name!r} has its data in other files; allowed: data in the file itself")
-    kind = item.attrs.get("MATLAB_class", b"")
-    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
-    if item.attrs.get("MATLAB_empty", 0):
-        return np.empty((0, 0))
-    value = item[()]
-    if kind == "char":
-        return np.array(["".join(chr(code) for code in np.asarray(value).T.ravel().tolist())])
-    if item.dtype.kind == "O":  # references: the items of a cell
-        references = np.asarray(value).T.ravel().tolist()
-        return cell([_of_hdf5(file, file[reference], items, depth + 1) for reference in references])
-    return np.atleast_2d(np.asarray(value)).T if np.ndim(value) != 1 else np.asarray(value)[:, np.newaxis]
+    def _referred(self, reference: Any, depth: int) -> Any:
+        """An item of a cell, counted as often as it is referred to."""
+        import h5py
+
+        item = self._file[reference]
+        place = (h5py.h5o.get_info(item.id).addr, depth)
+        if place in self._known:
+            value, number = self._known[place]
+            self._items.take(depth, number)
+            return value
+        before = self._items.taken
+        value = self._value(item, depth)
+        self._known[place] = (value, self._items.taken - before)
+        return value
+
+    def _value(self, item: Any, depth: int) -> Any:
+        import h5py
+
+        self._items.take(depth)
+        if isinstance(item, h5py.Group):
+            return {name: self.member(item, name, depth + 1) for name in item}
+        if not isinstance(item, h5py.Dataset):
+            return None
+        if item.external or item.is_virtual:
+            raise IdentificationError(f"{item.name!r} has its data in other files; allowed: data in the file itself")
+        kind = item.attrs.get("MATLAB_class", b"")
+        kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+        if item.attrs.get("MATLAB_empty", 0):
+            return np.empty((0, 0))
+        value = item[()]
+        if kind == "char":
+            return np.array(["".join(chr(code) for code in np.asarray(value).T.ravel().tolist())])
+        if item.dtype.kind == "O":  # references: the items of a cell
+            references = np.asarray(value).T.ravel().tolist()
+            return cell([self._referred(reference, depth + 1) for reference in references])
+        return np.atleast_2d(np.asarray(value)).T if np.ndim(value) != 1 else np.asarray(value)[:, np.newaxis]
