@@ -129,6 +129,27 @@ def test_slow_modes_below_the_band_are_excluded_by_the_loop_or_by_noise(bearing,
         assert known_band(feedback, band, settings).reaches_down
 
 
+def test_a_gap_in_the_band_does_not_hide_what_the_data_say_below_it(bearing, true) -> None:
+    """Such as a resonance of the plant about which they leave more open: below it they say as much as without it."""
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=2_000.0, **EXCITED)
+    feedback = feedback_of(true, LAW)
+    seen = band_of(true, record, feedback)
+    at = seen.frequency
+    left_open = np.select([at < 5.0, at < 18.0, at < 20.0, at < 24.0], [seen.open, 0.01, 0.6, 0.2], seen.open)
+    band = replace(seen, shown=np.zeros_like(seen.shown), open=left_open)
+    known = known_band(feedback, band, SETTINGS)
+    assert 20.0 <= known.low < 21.0 and known.reaches_down
+    below = np.array([7.0, 9.0, 12.0, 15.0, 24.0])
+    error, action = known.error(feedback, below)
+    assert error[:3] == pytest.approx(0.01)
+    assert np.allclose(action[:3], feedback.action(below[:3]))
+    worst = assess_known(feedback, SETTINGS, estimate_uncertainty(true, IdentificationData.from_record(record)), known)
+    assert worst[0].bounds is not None
+    curve = worst[0].bounds.axes[0].sensitivity.curve
+    inside = (worst[0].bounds.frequency > 6.0) & (worst[0].bounds.frequency < 15.0)
+    assert np.all(curve[inside] < 1.05 * worst[0].axes[0].sensitivity.value)
+
+
 def test_slow_modes_are_no_larger_than_the_data_leave_open(bearing, true) -> None:
     """Data from 2 Hz on that say too little for a bound up to 20 Hz, and enough for stability."""
     record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=2_000.0, **EXCITED)
@@ -190,6 +211,14 @@ def test_milder_assumptions_never_state_less(bearing, true) -> None:
     assert stated.bounds is not None and assessment.bounds is not None
     for axis, before in zip(assessment.bounds.axes, stated.bounds.axes, strict=True):
         assert axis.sensitivity.value == pytest.approx(before.sensitivity.value)
+    # So it is where any sensitivity is allowed, and the assumed perturbations alone are too much above the data.
+    anywhere = replaced(mode_gain=just_stable, zone_a=1e9, zone_b=1e9, zone_c=1e9)
+    assessment, said = assess_known(feedback, anywhere, uncertainty, known)
+    assert not said.reaches_up
+    assert assessment.bounds is not None and assessment.bounds.all_signals is not None
+    assert assessment.bounds.all_signals.value < 1.0
+    texts = [check.finding for check in band_checks(assessment, said)]
+    assert any("of what the loop tolerates there, too much for its bounds" in text for text in texts)
 
 
 def test_an_assumed_damping_that_the_model_contradicts_is_refused(record, true) -> None:
@@ -227,6 +256,23 @@ def test_modes_of_the_assumed_damping_contradict_nothing(record, true) -> None:
     assert not len(band_of(light, record).narrower)
     assert not len(band_of(off, record).narrower)
     assert not len(band_of(true, record).narrower)
+
+
+def test_a_mode_of_the_model_above_the_data_that_may_be_unstable_leaves_the_bounds_in_their_band(bearing, true) -> None:
+    """The data do not show it, so the models that they leave open have it stable and unstable: nothing relies on it."""
+    record = bearing.experiment(2e-9, "multisine", force=0.01, frequency_end=500.0, **EXCITED)
+    model = with_mode(true, 3_000.0, 0.001, 1e-4)
+    feedback, data = feedback_of(model, LAW), IdentificationData.from_record(record)
+    known = known_band(feedback, band_of(model, record, feedback), replaced(mode_gain=1.0))
+    uncertainty = estimate_uncertainty(model, data)
+    bounds = assess_loop(feedback, SETTINGS, uncertainty, known).bounds
+    usual = assess_loop(feedback_of(true, LAW), SETTINGS, estimate_uncertainty(true, data), known).bounds
+    assert bounds is not None and usual is not None
+    assert any(axis.unstable_above for axis in bounds.axes)
+    assert not any(axis.unstable_above for axis in usual.axes)
+    for axis, expected in zip(bounds.axes, usual.axes, strict=True):
+        assert axis.sensitivity.value == pytest.approx(expected.sensitivity.value, rel=0.05)
+        assert axis.replayed <= axis.sensitivity.value
 
 
 def replaced(**values: float) -> RobustnessSettings:

@@ -92,6 +92,15 @@ class Bounds:
     small_gain: float
     small_gain_frequency: float
 
+    def beyond_limits(self, settings: RobustnessSettings) -> list[Worst]:
+        """The largest sensitivity where its zone is not the one needed, and the bound of mu where it is 1 or more."""
+        worst = max((axis.sensitivity for axis in self.axes), key=lambda one: one.value)
+        zone = zone_of(worst.value, settings.sensitivity_limits)
+        beyond = [worst] if ZONES.index(zone) > ZONES.index(settings.needed_zone) else []
+        if self.all_signals is not None and self.all_signals.value >= 1.0:
+            beyond.append(self.all_signals)
+        return beyond
+
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
@@ -228,10 +237,10 @@ def assess_loop(
 def assess_known(
     feedback: Feedback, settings: RobustnessSettings, uncertainty: ModelUncertainty | None, known: KnownBand
 ) -> tuple[Assessment, KnownBand]:
-    """The same, without what is assumed above the data where that leaves the sensitivity beyond its zone.
+    """The same, without what is assumed above the data where that alone leaves bounds beyond their limits.
 
-    The assumptions may keep the loop stable and say little of its sensitivity. The data's own band is stated then, as
-    where the assumptions do not keep it stable: milder ones never state less.
+    The assumptions may keep the loop stable and say little of its sensitivity and of its perturbations. The data's own
+    band is stated then, as where the assumptions do not keep it stable: milder ones never state less.
 
     Parameters
     ----------
@@ -252,9 +261,8 @@ def assess_known(
     whole = assess_loop(feedback, settings, uncertainty, known)
     if whole.bounds is None or not known.reaches_up:
         return whole, known
-    worst = max((axis.sensitivity for axis in whole.bounds.axes), key=lambda one: one.value)
-    zone = zone_of(worst.value, settings.sensitivity_limits)
-    if ZONES.index(zone) <= ZONES.index(settings.needed_zone) or worst.frequency <= known.high:
+    beyond = whole.bounds.beyond_limits(settings)
+    if not beyond or min(worst.frequency for worst in beyond) <= known.high:
         return whole, known
     inside = replace(known, reaches_up=False)
     return assess_loop(feedback, settings, uncertainty, inside), inside

@@ -324,7 +324,7 @@ def _ellipsoid_checks(bounds: Bounds, uncertainty: ModelUncertainty, settings: R
             f"{worst.sensitivity.frequency:.4g} Hz: zone {zone}" + _share(worst),
         ),
         Check(
-            "the worst models of the ellipsoid make stable loops",
+            "the worst models of the ellipsoid make stable loops, as far as the data reach",
             all(math.isfinite(item.replayed) or item.excluded for item in bounds.axes),
             ", ".join(_replayed(item) for item in bounds.axes),
         ),
@@ -338,7 +338,10 @@ def _ellipsoid_checks(bounds: Bounds, uncertainty: ModelUncertainty, settings: R
 
 def _replayed(axis: AxisBounds) -> str:
     """The peak of the worst model of the ellipsoid."""
-    return f"{axis.name}: peak {axis.replayed:.3f}" + (" of a model that the data exclude" if axis.excluded else "")
+    text = f"{axis.name}: peak {axis.replayed:.3f}"
+    if axis.unstable_above:
+        return text + " in the band of the data; modes of the model above it are unstable, what is assumed counts there"
+    return text + (" of a model that the data exclude" if axis.excluded else "")
 
 
 def _share(worst: AxisBounds) -> str:
@@ -348,6 +351,7 @@ def _share(worst: AxisBounds) -> str:
     if not math.isfinite(worst.replayed):
         return ""
     text = f" (models alone {worst.of_ellipsoid:.3f}, the worst of them as a model {worst.replayed:.3f}"
+    text += " in the band of the data" if worst.unstable_above else ""
     return text + (")" if worst.linear else "; the response is not linear in their parameters)")
 
 

@@ -88,9 +88,12 @@ def _beyond(known: KnownBand, worst: float, settings: RobustnessSettings) -> str
             "lower frequencies"
         )
     sides = [side for side, reached in (("below", known.reaches_down), ("above", known.reaches_up)) if not reached]
+    share = f"could take {known.beyond:.2g} times what the loop tolerates there"
+    if known.beyond < 1.0:
+        share = f"use up {known.beyond:.2g} of what the loop tolerates there, too much for its bounds"
     return (
         f"sensitivity at most {worst:.3f} {known.text} with {percent}; no statement {' or '.join(sides)}, nor on "
-        f"stability: {assumed} could take {known.beyond:.2g} times what the loop tolerates there"
+        f"stability: {assumed} {share}"
     )
 
 

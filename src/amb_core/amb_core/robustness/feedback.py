@@ -127,6 +127,13 @@ class Feedback:
         """Whether all poles of the loop lie inside the unit circle, by more than rounding could hide."""
         return self.closed.radius < 1.0 - MARGIN
 
+    @property
+    def unstable_frequencies(self) -> Arrays:
+        """Frequencies (Hz) of the poles for which the loop is not stable, shape (k,)."""
+        poles = self.closed.poles()
+        angles = np.angle(poles[np.abs(poles) >= 1.0 - MARGIN])
+        return np.asarray(np.abs(angles) / (2.0 * np.pi * self.plant.sample_time))
+
     def require_stable(self) -> None:
         """Check that the loop is stable.
 

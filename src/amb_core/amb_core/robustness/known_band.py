@@ -10,10 +10,10 @@ band reaches to the first frequency below and above at which they do not.
 Above it the response is that of a mass, continued from the last octave, and modes of a gain up to g relative to it and
 a damping ratio from zeta: ||P|| <= (1 + g / (2 zeta)) mass / f^2. If the small gain holds for all these plants, the
 loop is known as a whole; otherwise, and where they leave its sensitivity beyond its zone (`assess_known`), nothing is
-stated above, nor on stability. Below the band the error is taken as large as at its lower end, if that lies well below
-the peak of the sensitivity and noise, which moves the rotor at all frequencies, shows no slow modes that the model
-lacks. Otherwise the error is that of the slow modes which the data leave open, of the same gain and ringing down as
-assumed, and the small gain has to hold with it.
+stated above, nor on stability. Below the band the error is taken as large as at its lower end, or as the data leave it
+open where a loop sees less of that, if that end lies well below the peak of the sensitivity and noise, which moves the
+rotor at all frequencies, shows no slow modes that the model lacks. Otherwise the error is that of the slow modes which
+the data leave open, of the same gain and ringing down as assumed, and the small gain has to hold with it.
 """
 
 from __future__ import annotations
@@ -95,20 +95,36 @@ class KnownBand:
     def error(self, feedback: Feedback, frequency: Arrays) -> tuple[Arrays, Complexes]:
         """Size of D N at frequencies of which something is stated, shape (f,), and N, shape (f, m, m).
 
-        N is C S in the band and below it, so the size has no unit; above it is 1 (m/A). Where noise shows no slow
-        modes, both are those of the band's lower end below it.
+        N is C S in the band and below it, so the size has no unit; above it is 1 (m/A).
         """
         assert self.band is not None
-        above, below = frequency > self.high, (frequency < self.low) & (not self.noise_explained)
+        below, above = frequency < self.low, frequency > self.high
         inside = np.clip(frequency, self.low, self.high)
-        error, action = self.band.within(inside)[1], feedback.action(np.where(below, frequency, inside))
-        slow = np.append(frequency[below], self.low)  # what lies next to the band belongs to the last below it
-        error[below] = _of_slow_modes(feedback, slow, self.band, self.settings)[:-1]
+        error, action = self.band.within(inside)[1], feedback.action(inside)
+        error[below], action[below] = self._below(feedback, frequency[below], error[below], action[below])
         action[above] = np.eye(feedback.inputs)
         if np.any(above):
             size = np.linalg.norm(feedback.plant.response(frequency[above]), 2, axis=(1, 2))
             error[above] = np.maximum(self._at_end(feedback), size + self._of_class(frequency[above]))
         return error, action
+
+    def _below(
+        self, feedback: Feedback, frequency: Arrays, error: Arrays, action: Complexes
+    ) -> tuple[Arrays, Complexes]:
+        """The same below the band, from those of its lower end.
+
+        Where noise shows no slow modes, they are those of the lower end, or what the data leave open where a loop sees
+        less of it. Otherwise they are those of slow modes.
+        """
+        assert self.band is not None
+        slow = np.append(frequency, self.low)  # what lies next to the band belongs to the last below it
+        own = feedback.action(frequency)
+        if not self.noise_explained:
+            return _of_slow_modes(feedback, slow, self.band, self.settings)[:-1], own
+        of_data = _of_data(self.band, slow)[:-1]
+        of_end = error * np.linalg.norm(np.linalg.pinv(action) @ own, 2, axis=(1, 2))
+        known = of_data < of_end
+        return np.where(known, of_data, error), np.where(known[:, np.newaxis, np.newaxis], own, action)
 
     def _at_end(self, feedback: Feedback) -> float:
         """Size of D at the upper end of the band (m/A)."""
@@ -169,5 +185,9 @@ def _of_slow_modes(feedback: Feedback, frequency: Arrays, band: ErrorBand, setti
     motion = np.linalg.norm(feedback.plant.response(frequency), 2, axis=(1, 2))
     action = np.linalg.norm(feedback.action(frequency), 2, axis=(1, 2))
     assumed = settings.mode_gain / (2.0 * damping) * motion * action
-    by_data = np.where(frequency < band.frequency[0], math.inf, band.within(frequency)[1])
-    return np.asarray(np.minimum(assumed, by_data))
+    return np.asarray(np.minimum(assumed, _of_data(band, frequency)))
+
+
+def _of_data(band: ErrorBand, frequency: Arrays) -> Arrays:
+    """||D C S|| that the data show and leave open; infinite below the first frequency of which they say something."""
+    return np.where(frequency < band.frequency[0], math.inf, band.within(frequency)[1])

@@ -47,9 +47,12 @@ class AxisBounds:
     zone : str
         Zone after ISO 14839-3 of the bound of S.
     replayed : float
-        Peak of S of the worst model of the ellipsoid, as a model; infinite if its loop is not stable.
+        Peak of S of the worst model of the ellipsoid, as a model; infinite if its loop is not stable, unless only modes
+        above the known band make it so: their place is taken by the assumptions, and the peak is that in the band.
     of_ellipsoid : float
         Largest magnitude of S over the ellipsoid alone, without further errors of the response.
+    unstable_above : bool
+        Whether only modes above the known band make the loop of that worst model unstable.
     excluded : bool
         Whether that worst model makes an unstable loop, and its response is not among those that the data leave open.
     by_data : bool
@@ -65,6 +68,7 @@ class AxisBounds:
     zone: Zone
     replayed: float
     of_ellipsoid: float
+    unstable_above: bool = False
     excluded: bool = False
     by_data: bool = False
 
@@ -189,13 +193,15 @@ class WorstCases:
         half = 0.5 * (self.settings.skew - 1.0)
         sensitivity, of_all = self._of_axis(axis, 0.0, one), self._of_axis(axis, 0.0, whole)
         of_models = self._of_axis(axis, 0.0, one, alone=True) if self.known is not None else sensitivity
-        replayed = self._replayed(axis, of_models)
+        replayed, above = self._replayed(axis, of_models)
         complementary, disk = self._of_axis(axis, -1.0, one), self._of_axis(axis, half, one)
-        if math.isinf(self._replayed(axis, of_all)):
+        if math.isinf(self._replayed(axis, of_all)[0]):
             of_all = replace(of_all, value=math.inf)
         zone = zone_of(sensitivity.value, self.settings.sensitivity_limits)
         excluded = math.isinf(replayed) and self._excluded(of_models)
-        bounds = AxisBounds(name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value, excluded)
+        bounds = AxisBounds(
+            name, sensitivity, complementary, disk, of_all, zone, replayed, of_models.value, above, excluded
+        )
         # Beyond a model on the limit of stability the gain means nothing.
         return bounds.unbounded() if math.isinf(replayed) else bounds
 
@@ -210,11 +216,20 @@ class WorstCases:
         place = int(np.argmax(gain))
         return float(gain[place]), float(self.plants.frequency[place])
 
-    def _replayed(self, axis: int, worst: Worst) -> float:
-        """Peak of S of an axis with a worst model, infinite if its loop is not stable."""
+    def _replayed(self, axis: int, worst: Worst) -> tuple[float, bool]:
+        """Peak of S of an axis with a worst model, and whether only modes above the known band make its loop unstable.
+
+        The peak is infinite where other modes make it unstable, and that of the known band where only those above do.
+        """
         moved = self.feedback.with_plant(self.uncertainty.moved(worst.factors))
         part = [self.feedback.inputs + axis]
-        return peak_gain(moved.closed.part(part, part)).value if moved.stable else math.inf
+        of_axis = moved.closed.part(part, part)
+        if moved.stable:
+            return peak_gain(of_axis).value, False
+        if self.known is None or not bool(np.all(moved.unstable_frequencies > self.known.high)):
+            return math.inf, False
+        inside = self.plants.frequency[self.plants.frequency <= self.known.high]
+        return float(np.max(np.abs(of_axis.response(inside)), initial=0.0)), True
 
     def _excluded(self, worst: Worst) -> bool:
         """Whether the data leave the response of a worst model no longer open; it is not linear in the parameters."""
