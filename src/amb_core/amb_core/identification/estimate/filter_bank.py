@@ -270,18 +270,11 @@ def _sensitivity(
     for place, (i, j) in enumerate(modes.places):
         pair = (place - blocks) // 2
         twice, then = (s[:, i], zs[:, i]) if i == j else (r[:, pair], zr[:, pair])
-        for row, column in np.ndindex(2, 2):
-            change = np.zeros((2, 2))
-            change[row, column] = 1.0
-            # C_i (z I - M_i)^-1 change (z I - M_j)^-1 G_j w, with z^2 of the numerator divided by the denominator of i.
-            terms = (
-                (change, v[:, j]),
-                (modes.trace[i] * change - adjoint[i] @ change - change @ adjoint[j], then),
-                (adjoint[i] @ change @ adjoint[j] - determinant[i] * change, twice),
-            )
-            by_f[:, :, place, row, column] = sum(
-                np.einsum("ia,ac,rc->ir", c[i] @ left, gains[j], signal, optimize=True) for left, signal in terms
-            )
+        # C_i (z I - M_i)^-1 change (z I - M_j)^-1 G_j w, with z^2 of the numerator divided by the denominator of i.
+        now, then, twice = (gains[j] @ signal.T for signal in (v[:, j], then, twice))
+        direct = now + modes.trace[i] * then - adjoint[j] @ then - determinant[i] * twice
+        turned = adjoint[j] @ twice - then
+        by_f[:, :, place] = np.einsum("ia,br->irab", c[i], direct) + np.einsum("ia,br->irab", c[i] @ adjoint[i], turned)
     return np.hstack([by_f.reshape(rows, -1), np.einsum("il,rba->irbla", weight, by_c).reshape(rows, -1)])
 
 

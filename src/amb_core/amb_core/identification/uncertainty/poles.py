@@ -103,7 +103,13 @@ class PoleGroup:
         """Whether a value lies in the confidence region of the group's poles."""
         freedom = 1 if self.real and complex(pole).imag == 0.0 else 2
         limit = math.sqrt(2.0 * gammaincinv(0.5 * freedom, confidence))  # quantile of chi^2
-        return self.distance(pole, limit) <= limit
+        return self._at_least(pole) <= limit and self.distance(pole, limit) <= limit
+
+    def _at_least(self, pole: complex) -> float:
+        """A bound of `distance` from below, without a search: the least change of F that gives it the eigenvalue."""
+        per_deviation = np.linalg.norm(self.changes.reshape(len(self.changes), -1), 2)
+        needed = np.linalg.norm(pole * np.eye(len(self.matrix)) - self.matrix, -2)
+        return float(needed / max(per_deviation, np.finfo(float).tiny))
 
     def magnitudes(self, radius: float) -> tuple[float, float]:
         """Smallest and largest magnitude of a pole of the group within so many standard deviations."""
