@@ -157,6 +157,8 @@ def _git(*arguments: str) -> int:
 def _take(name: str) -> None:
     """Take the figures of `results`, measured on the code as it is committed now."""
     measured = load(name)
+    if not measured.declared:
+        sys.exit(f"{name}: the cells of its tables hold the figures; write them, the commit and the date there by hand")
     if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
         sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
     head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)

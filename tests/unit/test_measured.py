@@ -91,3 +91,11 @@ def test_the_page_of_the_site_says_so(checkout: Measured) -> None:
     assert "has not changed since" in completed(text, page)
     (measured.ROOT / "room").write_text("other code")
     assert "**The code on which they depend has changed since.**" in completed(text, page)
+
+
+def test_figures_that_cells_hold_are_not_taken_and_one_line_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sys.argv", ["measured", "take", "validation"])
+    with pytest.raises(SystemExit, match="validation: the cells of its tables hold the figures"):
+        measured.main()
