@@ -38,6 +38,19 @@ def test_a_search_of_refused_steps_ends_before_a_step_is_lost_in_rounding() -> N
     assert abs(end) < 1e-6
 
 
+@pytest.mark.parametrize(("least_progress", "iterations"), [(0.0, 30), (1e-6, 5)])
+def test_a_search_whose_steps_do_not_give_what_they_promise_ends(least_progress: float, iterations: int) -> None:
+    costs = count()
+    search = minimise(
+        0.0,
+        lambda _: 1.0 - 1e-9 * next(costs),
+        lambda _: (np.eye(3, 1), np.ones(3)),
+        lambda point, step: point + float(step[0]),
+        least_progress=least_progress,
+    )
+    assert (search.iterations, search.left) == (iterations, pytest.approx(1.0 / 3.0))
+
+
 def test_signals_of_very_different_size_are_no_ill_condition() -> None:
     signals = np.random.default_rng(1).normal(size=(2_000, 2))
     reference = fit([signals], 1).coefficients.reshape(LAGS, 2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 
@@ -13,7 +14,7 @@ from threadpoolctl import ThreadpoolController
 
 from amb_core.ground.errors import IdentificationError
 
-_PANEL = 8  # columns that LAPACK turns at once: the fastest for factors of 40 to 200 columns
+_PANELS = ((250, 12), (500, 24), (math.inf, 48))  # columns up to which LAPACK is fastest, turning so many at once
 
 LARGEST_RADIUS = 1.0 - 1e-6
 """Of the modes of a predictor or a closed loop that is taken as stable."""
@@ -69,7 +70,8 @@ def with_rows(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArr
         return np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
     if not rows.size:
         return triangle
-    return np.asarray(linalg.lapack.dtpqrt(0, min(_PANEL, columns), triangle, rows)[0])
+    panel = next(panel for most, panel in _PANELS if columns <= most)
+    return np.asarray(linalg.lapack.dtpqrt(0, min(panel, columns), triangle, rows)[0])
 
 
 def thin_svd(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

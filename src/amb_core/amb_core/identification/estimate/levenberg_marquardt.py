@@ -18,6 +18,7 @@ from amb_core.linear.numerics import thin_svd
 _FIRST_DAMPING = 0.01  # relative to the largest eigenvalue of the scaled Gauss-Newton matrix
 _REDUNDANT = 1e-6  # singular value of a direction, relative to the largest, below which it is lost in rounding
 LEAST_SCALE = 1e-8  # effect of a parameter, relative to the largest, below which it is not scaled up to equal effect
+_TAKEN = 5  # steps taken that together must make progress
 _LEAST_DAMPING = 1e-12  # relative likewise; redundant directions need some damping
 
 Point = TypeVar("Point")
@@ -75,6 +76,7 @@ def minimise(
     least_scale: float = LEAST_SCALE,
     decrease: Callable[[float, float], float] = of_squares,
     hopeless: Callable[[float, float], bool] | None = None,
+    least_progress: float = 0.0,
 ) -> Search[Point]:
     """The point with the least cost that a search from `start` finds, never worse than `start`.
 
@@ -104,11 +106,14 @@ def minimise(
     hopeless : callable, optional
         Called as hopeless(cost, predicted relative decrease of the squared errors) before each step; the search ends
         where it returns True.
+    least_progress : float
+        Relative decrease of the sum of squares over the last steps taken, five of them, below which the search ends:
+        they keep promising what they do not give, as along a limit of what is allowed.
     """
     point, least, damping = start, cost(start), Damping()
     sensitivity, errors = linearise(point)
     step, promised, left = damped_step(sensitivity, errors, damping.value, least_scale)
-    iteration = 0
+    iteration, costs = 0, [least]
     if progress is not None:
         progress(iteration, least)
     while iteration < most_iterations and left >= least_gain and promised > 0.0:
@@ -122,10 +127,13 @@ def minimise(
         else:
             damping.taken(decrease(least, trial_cost) / promised)
             point, least = trial, trial_cost
+            costs.append(least)
             sensitivity, errors = linearise(point)
         if progress is not None:
             progress(iteration, least)
         step, promised, left = damped_step(sensitivity, errors, damping.value, least_scale)
+        if len(costs) > _TAKEN and decrease(costs[-1 - _TAKEN], least) < least_progress:
+            break
     return Search(point, iteration, left)
 
 

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,7 @@ _REFINING_GAIN = 1e-4  # likewise with finite memory: far below what a state mus
 _REFINING_ITERATIONS = 12
 _BESIDE_CHANCE = 0.1  # of what the true parameters leave by chance: a search that leaves less has converged
 _LEAST_SCALE = 1e-1  # effect of an entry of F or C, relative to the largest: one below it moves little
+_LEAST_PROGRESS = 1.0  # decrease of the squared errors over their variance: what one parameter gains by chance
 _LEAST_GAIN = 1e-5  # relative decrease of the squared errors at which the search ends; far below the noise of the data
 
 
@@ -121,9 +123,11 @@ def pem(
             return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths, feedthrough)
 
         ends: list[SearchEnd] = []
-        fit = fit_modes(modes, best, data.outputs.shape[1], progress, most_iterations, ended=ends.append)
+        search = partial(fit_modes, best=best, outputs=data.outputs.shape[1], most_iterations=most_iterations)
+        search = partial(search, least_progress=_LEAST_PROGRESS / data.outputs.size)
+        fit = search(modes, progress=progress, ended=ends.append)
         if second_start and stalled(ends[0], fit, data):
-            fit = _searched_again(modes, best, fit, data, progress, most_iterations, ends, feedthrough)
+            fit = _searched_again(modes, search, fit, data, progress, most_iterations, ends, feedthrough)
         if ended is not None:
             ended(_by_chance(ends[-1], fit, data))
         a, b, c, k, initial_states = fit.matrices(data.inputs.shape[1])
@@ -141,6 +145,7 @@ def fit_modes(
     ended: Callable[[SearchEnd], None] | None = None,
     hopeless: Callable[[float, float], bool] | None = None,
     first: Fit | None = None,
+    least_progress: float = 0.0,
 ) -> Fit:
     """The fit with the smallest determinant of the errors' covariance that a search from `modes` finds.
 
@@ -160,6 +165,8 @@ def fit_modes(
         where it returns True.
     first : Fit, optional
         An earlier fit with errors of about the same covariance, for the first weight; by default one without weight.
+    least_progress : float
+        Relative decrease of the squared errors by the last steps taken below which the search ends.
 
     Raises
     ------
@@ -177,6 +184,7 @@ def fit_modes(
         _LEAST_SCALE,
         lambda before, after: 2.0 * (before - after) / outputs,
         hopeless,
+        least_progress,
     )
     if ended is not None:
         ended(SearchEnd(search.iterations, search.left, search.left < least_gain))
@@ -214,7 +222,7 @@ def _by_chance(end: SearchEnd, fit: Fit, data: ScaledData) -> SearchEnd:
 
 def _searched_again(
     modes: Modes,
-    best: Callable[[Modes, NDArray[np.float64]], Fit],
+    search: Callable[..., Fit],
     first: Fit,
     data: ScaledData,
     progress: Callable[[int, float], None] | None,
@@ -223,7 +231,7 @@ def _searched_again(
     feedthrough: bool,
 ) -> Fit:
     """The better of the first fit and that of a search from the second start, whose end is then added to the ends."""
-    p, least = data.outputs.shape[1], cost_of(first)
+    least = cost_of(first)
 
     def tell(iteration: int, cost: float) -> None:
         if progress is not None:
@@ -234,7 +242,7 @@ def _searched_again(
         if start is None:
             return first
         ends_again: list[SearchEnd] = []
-        second = fit_modes(start.modes, best, p, tell, most_iterations, ended=ends_again.append, first=start)
+        second = search(start.modes, progress=tell, ended=ends_again.append, first=start)
     except linalg.LinAlgError:  # the first fit stands
         return first
     if not cost_of(second) < least:
