@@ -1,11 +1,13 @@
 """Every state that the compiled target can reach with a small configuration, found by trying everything in each.
 
-`python -m tests.safety_case.states` writes tests/data/target/states.json anew: only after a change of the target.
+`python -m tests.safety_case.states` writes tests/data/target/states.json anew, a minute of processor time: only after a
+change of the target or of the search, whose hash stands in that file.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import subprocess
 import tempfile
@@ -16,8 +18,8 @@ from typing import Any
 
 from amb_core.rig.link.reference import SOURCE
 
-ROOT = Path(__file__).parents[2]
-RECORDED = ROOT / "tests" / "data" / "target" / "states.json"
+HERE = Path(__file__).parent
+RECORDED = HERE.parents[1] / "tests" / "data" / "target" / "states.json"
 PARTS = ("host", "gains", "faults", "excitation", "matrices", "references")
 """What is tried, the longest first; see `part_of` in tried.h."""
 
@@ -43,9 +45,23 @@ def build(folder: Path, source: Path = SOURCE) -> Path:
         The program.
     """
     program = folder / "states"
-    files = [Path(__file__).with_name("states.c"), *sorted(source.glob("*.c"))]
+    files = [HERE / "states.c", *sorted(source.glob("*.c"))]
     subprocess.run([*COMPILER, f"-I{source}", "-o", program, *files, "-lm"], check=True)
     return program
+
+
+def searched() -> str:
+    """What the result of the search depends on.
+
+    Returns
+    -------
+    str
+        SHA-256 of the sources of target and search, and of how they are compiled.
+    """
+    digest = hashlib.sha256(repr((COMPILER, PARTS)).encode())
+    for path in sorted([*HERE.glob("*.[ch]"), *SOURCE.glob("*.[ch]")], key=lambda path: path.name):
+        digest.update(path.name.encode() + path.read_bytes())
+    return digest.hexdigest()
 
 
 def search(program: Path, part: str, most: int | None = None) -> dict[str, Any]:
@@ -84,17 +100,27 @@ def search_all() -> list[dict[str, Any]]:
         return list(pool.map(lambda part: search(program, part), PARTS))
 
 
-@functools.cache
 def recorded() -> list[dict[str, Any]]:
-    """The parts as they were found last; a test compares them with the code.
+    """The parts as they were found last; tests compare them, and what was searched, with the code.
 
     Returns
     -------
     list of dict
         As `search_all`.
     """
-    result: list[dict[str, Any]] = json.loads(RECORDED.read_text())
+    result: list[dict[str, Any]] = _file()["parts"]
     return result
+
+
+def recorded_of() -> str:
+    """What `searched` returned then."""
+    return str(_file()["searched"])
+
+
+@functools.cache
+def _file() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(RECORDED.read_text())
+    return content
 
 
 def total(name: str, parts: Iterable[dict[str, Any]] | None = None) -> int:
@@ -118,7 +144,7 @@ def total(name: str, parts: Iterable[dict[str, Any]] | None = None) -> int:
 def main() -> None:
     """Record what is found."""
     rows = ",\n".join(json.dumps(part) for part in search_all())
-    RECORDED.write_text(f"[{rows}]\n")
+    RECORDED.write_text(f'{{"searched": "{searched()}", "parts": [\n{rows}]}}\n')
 
 
 if __name__ == "__main__":
