@@ -46,13 +46,13 @@ def test_all_agree(order: int, validated: bool, bag: Path, tmp_path: Path) -> No
     assert code == 0
     verdicts = {"identify": verdict_in(identified.split("verdict")[1])}
 
-    code, _ = amb("validate", model, bag, "--out", tmp_path / "validation")
+    code, _ = amb("validate", model, bag, "--results", tmp_path / "validation.json")
     assert code == (0 if validated else NOT_VALIDATED)
-    verdicts["validate"] = json.loads((tmp_path / "validation" / "summary.json").read_text())["verdict"]
+    verdicts["validate"] = json.loads((tmp_path / "validation.json").read_text())["verdict"]
 
-    code, table = amb("compare", model, bag, "--out", tmp_path / "comparison")
+    code, table = amb("compare", model, bag, "--results", tmp_path / "comparison.json")
     assert code == (0 if validated else NOT_VALIDATED)
-    (compared,) = json.loads((tmp_path / "comparison" / "summary.json").read_text())["models"].values()
+    (compared,) = json.loads((tmp_path / "comparison.json").read_text())["models"].values()
     verdicts["compare"], verdicts["table of compare"] = compared["verdict"], verdict_in(table.split("verdict")[1])
 
     assert amb("report", bag, "--order", order, "--no-certify", "--out", report)[0] == 0
