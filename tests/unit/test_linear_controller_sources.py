@@ -179,10 +179,12 @@ def test_data_files_are_identified_and_validated_with_the_file_of_the_controller
 ) -> None:
     data = tmp_path / f"data.{ending}"
     write_data(IdentificationData.from_record(record), data)
-    amb("identify", data, "--controller", file, "--order", 6, "--method", "ssarx", "--out", tmp_path / "out")
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    model, results = tmp_path / "model.json", tmp_path / "results.json"
+    options = ("--controller", file, "--order", 6, "--method", "ssarx")
+    amb("identify", data, *options, "--out", model, "--results", results)
+    summary = json.loads(results.read_text())
     assert summary["closed_loop_stable"] and min(summary["fit"].values()) > 95.0
-    report = amb("validate", tmp_path / "out" / "model.json", data, "--controller", file)
+    report = amb("validate", model, data, "--controller", file)
     assert "validated" in report and "does not compute" not in report
 
 
