@@ -9,15 +9,7 @@ import pytest
 
 from amb_core.rig.link import TargetState
 from amb_core.rig.link.reference import SOURCE
-from tests.safety_case.states import (
-    build,
-    recorded,
-    recorded_of,
-    search,
-    search_all,
-    searched,
-    total,
-)
+from tests.safety_case.states import build, recorded, recorded_of, search, search_all, searched, total
 
 PLANTED = {
     "a trip that does not switch off": (

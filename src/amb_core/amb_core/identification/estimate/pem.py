@@ -123,8 +123,13 @@ def pem(
             return fit_gains(trial, data.inputs, data.outputs, weight, data.lengths, feedthrough)
 
         ends: list[SearchEnd] = []
-        search = partial(fit_modes, best=best, outputs=data.outputs.shape[1], most_iterations=most_iterations)
-        search = partial(search, least_progress=_LEAST_PROGRESS / data.outputs.size)
+        search = partial(
+            fit_modes,
+            best=best,
+            outputs=data.outputs.shape[1],
+            most_iterations=most_iterations,
+            least_progress=_LEAST_PROGRESS / data.outputs.size,
+        )
         fit = search(modes, progress=progress, ended=ends.append)
         if second_start and stalled(ends[0], fit, data):
             fit = _searched_again(modes, search, fit, data, progress, most_iterations, ends, feedthrough)
