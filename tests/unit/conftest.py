@@ -125,6 +125,7 @@ def sensor_drift(shape: str, steps: int) -> np.ndarray:
         "warm-up": 1.0 - np.exp(-4.0 * time),
         "random walk": walk / np.ptp(walk),
         "step": (time > 0.6).astype(float),
+        "runout": 0.5 * np.sin(2.0 * np.pi * 194.6 * time),
     }[shape]
     return np.outer(relative, [4e-6, -2.5e-6])
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from amb_core.data.experiments.tones import find_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, validate
 from amb_core.identification.validation import Condition, Validation, predict
 from amb_core.identification.validation.judge import OVERLAP
 from amb_core.identification.validation.overlap import fingerprint_of, overlap
 from amb_core.identification.validation.ringing import find_ringing
-from amb_core.identification.validation.tones import find_tones
 from amb_core.loop.control import ControllerParameters
 from amb_core.regions.distortion import Coherence
 from tests.benchmarks.verdicts.bearings import Bearing, draw_data

@@ -14,6 +14,7 @@ from amb_core.data.controller_choice import needs_controller, suits_controller
 from amb_core.data.experiments import DataReport, IdentificationData, Severity, check_data
 from amb_core.data.experiments.checks import check_amount, check_excitation
 from amb_core.data.experiments.drift import DriftCure, DriftOption, cure_drift
+from amb_core.data.experiments.tones import ToneCure, cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.results import Result
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
@@ -67,6 +68,8 @@ class Identification(Result):
         How the search of `pem` ended, and whether it converged; None for other methods.
     drift : DriftCure or None
         Which drift was removed from the data that the model is estimated from, and how; None if nothing was.
+    tones : ToneCure or None
+        Which tones that the reference lacks were removed from the data that the model is estimated from; None if none.
     controller : KnownController or None
         The controller of the closed loop; None for data that do not come from the bearing's loop.
     """
@@ -80,6 +83,7 @@ class Identification(Result):
     closed_loop_poles: NDArray[np.complex128] | None
     search: SearchEnd | None = None
     drift: DriftCure | None = None
+    tones: ToneCure | None = None
     controller: KnownController | None = None
 
     @property
@@ -159,6 +163,8 @@ class Identification(Result):
             )
         if self.drift is not None:
             parts.append(self.drift.summary)
+        if self.tones is not None:
+            parts.append(self.tones.summary)
         if self.uncertainty is not None:
             parts += [remark for remark in (self.uncertainty.widened, self.uncertainty.at_one) if remark]
         return "; ".join(parts)
@@ -203,7 +209,8 @@ def identify(
         `prediction`, or `simulation` to reduce the errors of the closed-loop simulation in a last step.
     drift : str, optional
         Whether slow drift and steps of the outputs are removed before the estimate (see `cure_drift`): `auto` where the
-        checks find drift, `none`, or `prefilter` for any data. Data without drift are not changed by `auto`.
+        checks find drift, `none`, or `prefilter` for any data. Data without drift are not changed by `auto`. Tones that
+        the reference lacks are removed too (see `cure_tones`), unless it is `none`.
     feedthrough : bool, optional
         Whether outputs respond within the sample: D is then estimated, otherwise it is zero. Not for a controller that
         responds within the sample, as a bearing's does: data of such a loop cannot distinguish the two.
@@ -236,8 +243,10 @@ def identify(
     watch.tell("checks", 0, 1)
     report = _checked(data, 1 if order == "auto" else order, controller, feedthrough)
     drifts = report.finding("drift").severity is Severity.WARNING
-    cure = cure_drift(data, drift) if drifts or drift == "prefilter" else None
-    used = data if cure is None else cure.data
+    tones = None if drift == "none" else cure_tones(data)
+    calm = data if tones is None else tones.data
+    cure = cure_drift(calm, drift) if drifts or drift == "prefilter" else None
+    used = calm if cure is None else cure.data
     watch.tell("checks", 1, 1)
     selection = None
     if isinstance(order, str):
@@ -247,17 +256,17 @@ def identify(
 
     def validated(models: list[StateSpaceModel]) -> list[Identification]:
         if cure is not None:  # the state at the first sample of the data themselves
-            models = [replace(model, initial_state=in_experiment(model, data, 0).initial_state) for model in models]
+            models = [replace(model, initial_state=in_experiment(model, calm, 0).initial_state) for model in models]
         watch.tell("validation", 0, 1)
-        return [_validate(model, data, controller, report, selection) for model in models]
+        return [_validate(model, calm, controller, report, selection) for model in models]
 
     best = max(validated(estimate(used, order, method, watch, source, feedthrough)), key=_quality)
     if focus == "simulation" and controller is not None:
         if not _fades(best):  # the best predictor of data with next to no noise need not even make a stable loop
             starts = starts_for_simulation(used, order, watch, source, feedthrough)
             best = max([best, *validated(starts)], key=lambda result: (_fades(result), *_quality(result)))
-        model = focus_simulation(best.model, data, controller, progress, cancelled)
-        best = _validate(model, data, controller, report, selection)
+        model = focus_simulation(best.model, calm, controller, progress, cancelled)
+        best = _validate(model, calm, controller, report, selection)
     elif method == "pem":
         watch.tell("validation", 1, 1)
         watch.tell("uncertainty", 0, 1)
@@ -265,7 +274,9 @@ def identify(
     watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
     model = replace(best.model, fingerprint=fingerprint_of(data, np.sqrt(np.diag(best.model.innovation_covariance))))
     uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
-    return replace(best, model=model, uncertainty=uncertainty, drift=cure, controller=controller)
+    return replace(
+        best, data=data, model=model, uncertainty=uncertainty, drift=cure, tones=tones, controller=controller
+    )
 
 
 def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:

@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from amb_core.data.experiments.tones import find_tones, without_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.validation import largest_root
 from amb_core.identification.validation.residuals import decorrelated
-from amb_core.identification.validation.tones import find_tones, without_tones
 from amb_core.identification.validation.verdict import SIGNIFICANT
 
 Arrays = NDArray[np.float64]

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from amb_core.data.controller_choice import suits_controller
 from amb_core.data.experiments import Finding, IdentificationData, Severity, restore
 from amb_core.data.experiments.checks import check_recording, evidence_of
+from amb_core.data.experiments.tones import Undisturbed, cure_tones, undisturbed
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.controller_check import NOT_CHECKED, check_controller
 from amb_core.identification.given import Data, Model, given_loop, given_model
@@ -25,7 +26,6 @@ from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
 from amb_core.identification.validation.ringing import LONGEST, Ringing, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
-from amb_core.identification.validation.tones import Undisturbed, undisturbed
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
@@ -101,7 +101,9 @@ def _validate(
     horizons: Sequence[int] | None,
     lags: int,
 ) -> Validation:
-    data = restore(_fitting(data, model))
+    recorded = restore(_fitting(data, model))
+    cure = cure_tones(recorded)
+    data = recorded if cure is None else cure.data
     if horizons is None:
         shortest = min(item.steps for item in data.experiments)
         horizons = [horizon for horizon in HORIZONS if 2 * horizon <= shortest]
@@ -126,7 +128,7 @@ def _validate(
         deviations = find_deviations(model, data, prediction, known)
         ringing = _ringing(model, data, prediction, quiet)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
-    findings = tuple(check_recording(data))
+    findings = tuple(check_recording(recorded))
     noted = [f"{one.check}: {one.text}" for one in findings if one.check == NOTED and one.severity is not Severity.INFO]
     return Validation(
         model,
@@ -137,15 +139,15 @@ def _validate(
         loop.closed_loop,
         frequency,
         evidence_of(data),
-        (*loop.notes, *noted, *frequency_notes),
-        _controller_check(data, controller, loop),
+        (*loop.notes, *noted, *frequency_notes, *([] if cure is None else [cure.summary])),
+        _controller_check(recorded, controller, loop),
         findings,
         band_errors=errors,
         deviations=deviations,
         ringing=ringing,
         possible_fit=loop.possible,
         without_loop=loop.missing,
-        overlap=overlap(model.fingerprint, data),
+        overlap=overlap(model.fingerprint, recorded),
         search=search,
         undecided=uncertainty.at_one if uncertainty is not None else None,
         tones=max(quiet, key=lambda one: len(one.errors)).tones,

@@ -6,6 +6,7 @@ import numpy as np
 
 from amb_core.data.experiments.checks.report import Finding, Severity
 from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.regions.distortion import Evidence, find_evidence
 
@@ -18,6 +19,8 @@ LOW_COHERENCE = 0.3
 def evidence_of(data: IdentificationData) -> Evidence:
     """Distortion and coherence of records of the loop, with their trends; nothing, with the reason, of other data.
 
+    Tones that the reference lacks are left out: an unbalance is no distortion.
+
     Parameters
     ----------
     data : IdentificationData
@@ -28,6 +31,9 @@ def evidence_of(data: IdentificationData) -> Evidence:
     Evidence
         Both measures, or the reason why one is missing.
     """
+    cure = cure_tones(data)
+    if cure is not None:
+        data = cure.data
     try:
         records = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
     except IdentificationError as problem:

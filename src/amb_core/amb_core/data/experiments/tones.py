@@ -1,4 +1,8 @@
-"""Tones in prediction errors: lines of an unbalance or of the mains, disturbances that say nothing of the plant.
+"""Tones that the reference lacks: lines of an unbalance or of the mains, disturbances that say nothing of the plant.
+
+In prediction errors they are set apart. From data of a loop they are removed before a model is estimated: an
+undamped oscillation would stand in the model otherwise, as if the plant had it. Taken from inputs, outputs and
+reference alike, as a notch filter would, they leave the responses between these as they are.
 
 A tone stands out of the lines beside it, and one sinusoid explains it: unlike a lightly damped mode that noise drives,
 which spreads over the lines of its bandwidth. Tones seldom have the frequency of a line, so that a rectangular window
@@ -13,11 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.experiment import Experiment
 from amb_core.linear.model.state_space import StateSpaceModel
 
 Arrays = NDArray[np.float64]
@@ -31,6 +37,7 @@ _TURNS = 12  # halvings of the search for a frequency
 _FADED = 1e-4  # of its start, that is left of a transient of the predictor
 _FEWEST = 8 * _BESIDE  # samples
 _NO_POWER = 1e-8  # of the largest line of the reference
+_ANSWER = 10.0  # amplitude over that of the reference, up to which a tone may be the loop's answer to it
 
 
 @dataclass(frozen=True)
@@ -87,6 +94,80 @@ class Undisturbed:
     tones: tuple[Tone, ...]
 
 
+@dataclass(frozen=True)
+class ToneCure:
+    """Tones that were removed from data.
+
+    Attributes
+    ----------
+    data : IdentificationData
+        The data without them.
+    frequencies : tuple of float
+        Their frequencies (Hz), rising.
+    """
+
+    data: IdentificationData
+    frequencies: tuple[float, ...]
+
+    @property
+    def summary(self) -> str:
+        """What was done, as a phrase."""
+        shown = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies[:4])
+        more = " ..." if len(self.frequencies) > 4 else ""
+        return f"tones removed that the reference lacks, as of an unbalance: {shown}{more} Hz"
+
+
+def cure_tones(data: IdentificationData) -> ToneCure | None:
+    """Remove tones from all signals that stand out in an output and are no answer to the reference.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values; experiments without reference stay as they are.
+
+    Returns
+    -------
+    ToneCure or None
+        The data without tones; None if there are none.
+    """
+    experiments, found = list[Experiment](), set[float]()
+    for item in data.experiments:
+        frequencies = [] if item.reference is None else _unanswered(item.outputs, item.reference)
+        found |= {frequency / data.sample_time for frequency in frequencies}
+        experiments.append(_without(item, frequencies) if frequencies else item)
+    return ToneCure(replace(data, experiments=tuple(experiments)), tuple(sorted(found))) if found else None
+
+
+def _without(item: Experiment, frequencies: Sequence[float]) -> Experiment:
+    """An experiment without tones.
+
+    The window leaves no weight to its ends: what differs there, as from a start at rest, would count as part of the
+    tones, and not in the same ratio in inputs and outputs.
+    """
+    assert item.reference is not None
+    inputs, outputs, reference = (
+        without_tones(signal, frequencies, np.hanning(item.steps))
+        for signal in (item.inputs, item.outputs, item.reference)
+    )
+    return replace(item, inputs=inputs, outputs=outputs, reference=reference)
+
+
+def _unanswered(outputs: Arrays, reference: Arrays) -> list[float]:
+    """Tones of outputs (cycles per sample) that are far larger than the reference at their frequencies.
+
+    A lightly damped mode between few lines stands out as well; but no loop that anyone would run answers to a reference
+    with ten times its amplitude.
+    """
+    power, given = _power(outputs - outputs.mean(axis=0)), _power(reference - reference.mean(axis=0))
+    padded = np.pad(given, 2, mode="edge")
+    beside = np.lib.stride_tricks.sliding_window_view(padded, 5).max(axis=1)  # the window spreads a line to these
+    return [
+        frequency
+        for frequency in find_tones(outputs, reference).frequencies
+        if power[round(frequency * len(outputs))] > _ANSWER**2 * beside[round(frequency * len(outputs))]
+    ]
+
+
 def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None) -> Undisturbed:
     """Prediction errors of an experiment, shape (steps, p), without tones.
 
@@ -127,13 +208,17 @@ def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
     return Tones(tuple(frequencies[place] for place in order), tuple(shares[place] for place in order), rest * size)
 
 
-def without_tones(signals: Arrays, frequencies: Sequence[float]) -> Arrays:
-    """Signals, shape (steps, p), without their parts of these frequencies (cycles per sample)."""
+def without_tones(signals: Arrays, frequencies: Sequence[float], window: Arrays | None = None) -> Arrays:
+    """Signals, shape (steps, p), without their parts of these frequencies (cycles per sample).
+
+    Of their parts as they are behind a window, if there is one.
+    """
     if not len(frequencies):
         return signals
     waves = _waves(len(signals), frequencies)
     basis = np.hstack([waves, np.ones((len(signals), 1))])
-    sizes = np.linalg.lstsq(basis.T @ basis, basis.T @ signals, rcond=1e-12)[0]
+    seen = basis if window is None else basis * window[:, np.newaxis]
+    sizes = np.linalg.lstsq(seen.T @ basis, seen.T @ signals, rcond=1e-12)[0]
     return np.asarray(signals - waves @ sizes[:-1])
 
 
