@@ -6,6 +6,7 @@ on sensors and forces. A kind of misfit changes the bearing, its data, or what i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,11 +27,13 @@ RATE = 10_000.0  # Hz
 CLEARANCE = 150e-6  # m
 HONEST = "honest"
 _NO_LIMIT = 100.0  # A, that no current reaches
+_STIFFNESS = 3e5  # N/m, about that of the drawn bearings
 _TRIED = 120_000  # steps, longer than the records, so that a bearing that falls is not drawn
 KINDS = (
     "mode below", "mode inside", "mode above", "mode between lines", "dead time", "order too low", "coloured noise",
     "drift", "wrong controller", "saturation", "another speed", "wrong assumption", *SIMULATED,
     "two close modes", "mode on one axis", "wrong units", "swapped axes", "same record", "another machine",
+    "unbalance",
 )  # fmt: skip
 """Ways in which a bearing, its data or what is assumed of it do not fit the model."""
 
@@ -184,8 +187,8 @@ def _draw(kind: str, random: np.random.Generator, wanted: int | None) -> MisfitP
         for one in (loop, other or loop)
     ):
         return None
-    if kind == "saturation":
-        return _saturated(misfit, random)
+    if kind in _CHANGED:
+        return _CHANGED[kind](misfit, random)
     if kind == HONEST:  # one that deserves a certificate
         model = named_model(misfit)
         of_true = assess(model, mild, RobustnessSettings(frequencies=100.0))
@@ -204,6 +207,18 @@ def _saturated(plant: MisfitPlant, random: np.random.Generator) -> MisfitPlant |
         plant, loop=replace(plant.loop, controller=plant.mild.model_copy(update={"current_limit": limit}))
     )
     return None if limited.record(_TRIED, 0) is None else limited
+
+
+def _turning(plant: MisfitPlant, random: np.random.Generator) -> MisfitPlant:
+    """The bearing with a rotor that turns, whose unbalance moves it about as much as the reference does."""
+    force = _STIFFNESS * plant.amplitude * 10.0 ** random.uniform(-0.5, 1.5)
+    return replace(plant, loop=replace(plant.loop, unbalance=force, speed=random.uniform(30.0, 500.0)))
+
+
+_CHANGED: dict[str, Callable[[MisfitPlant, np.random.Generator], MisfitPlant | None]] = {
+    "saturation": _saturated,
+    "unbalance": _turning,
+}
 
 
 def named_model(plant: MisfitPlant) -> StateSpaceModel:

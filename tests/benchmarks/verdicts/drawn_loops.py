@@ -38,6 +38,8 @@ class DrawnLoop:
         Rms (m, N).
     load : ndarray, shape (axes,)
         Static forces (N).
+    unbalance, speed : float
+        Amplitude (N) and frequency (Hz) of a force that turns.
     """
 
     a: Arrays
@@ -47,6 +49,8 @@ class DrawnLoop:
     sensor_noise: float
     force_noise: float
     load: Arrays
+    unbalance: float = 0.0
+    speed: float = 0.0
 
     def run(self, reference: Arrays, random: np.random.Generator) -> LoopRecord:
         """The loop under a reference (m), after half a second in which it has settled."""
@@ -55,6 +59,9 @@ class DrawnLoop:
         whole = np.vstack([np.tile(reference[:1], (lead, 1)), reference])
         forces = self.load + random.normal(scale=self.force_noise, size=whole.shape)
         noise = random.normal(scale=self.sensor_noise, size=whole.shape)
+        if self.unbalance:
+            angle = 2.0 * np.pi * self.speed / rate * np.arange(len(whole))
+            forces += self.unbalance * np.cos(angle[:, np.newaxis] - 0.5 * np.pi * np.arange(axes))
         gains = pack_gains(self.controller, axes)
         position, current = _run(
             *map(np.ascontiguousarray, (self.a, self.b, self.c)), gains, initial_state(axes), whole, forces, noise

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import RobustnessError
 from amb_core.ground.results import Result
 from amb_core.identification.uncertainty import ModelUncertainty
@@ -245,7 +246,7 @@ def _known(
     if validation is None:
         return None
     with one_blas_thread():
-        data = [*records, validation.data]
+        data = [*map(without_unanswered, records), validation.data]
         band = error_band(
             validation.model, data, settings.mode_damping, settings.mode_ring_down, action=feedback.action
         )

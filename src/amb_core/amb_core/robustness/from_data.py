@@ -13,7 +13,7 @@ import numpy as np
 from amb_core.data.experiments import RecordedLoop as Recorded
 from amb_core.data.experiments.checks import Severity
 from amb_core.data.experiments.drift import cure_drift
-from amb_core.data.experiments.tones import cure_tones
+from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import AmbError, RobustnessError
 from amb_core.identification.controller_check import check_controller
 from amb_core.identification.given import Data, Model, given_loop, given_model
@@ -91,8 +91,7 @@ def certify_from_data(
     judged = judged_on or identified_from
     if uncertainty is None and identified_from is not None:
         progress("uncertainty of the model")
-        tones = cure_tones(identified_from.data)  # as `identify` does
-        calm = identified_from.data if tones is None else tones.data
+        calm = without_unanswered(identified_from.data)  # as `identify` does
         cure = cure_drift(calm)
         uncertainty = uncertainty_of(model, calm if cure is None else cure.data)
     if judged is not None and validation is None:

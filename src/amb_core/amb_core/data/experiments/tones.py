@@ -21,10 +21,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import fftconvolve
 
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.regions.distortion.periods import find_periodic_parts
 
 Arrays = NDArray[np.float64]
 
@@ -37,7 +39,10 @@ _TURNS = 12  # halvings of the search for a frequency
 _FADED = 1e-4  # of its start, that is left of a transient of the predictor
 _FEWEST = 8 * _BESIDE  # samples
 _NO_POWER = 1e-8  # of the largest line of the reference
-_ANSWER = 10.0  # amplitude over that of the reference, up to which a tone may be the loop's answer to it
+_CLEAR = 30.0  # power over that of the lines beside it, of a tone that is removed from data
+_STEADY = 0.3  # of a tone's amplitude, that it changes from the middle of a record to its ends
+_ON_LINE = 0.25  # lines, from a multiple of the frequency of a reference
+_SEGMENT, _SEGMENTS = 0.2, 8  # s, over which a bearing answers, and their number at least
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ class ToneCure:
 
 
 def cure_tones(data: IdentificationData) -> ToneCure | None:
-    """Remove tones from all signals that stand out in an output and are no answer to the reference.
+    """Remove steady tones from all signals that stand out of what the reference does not explain of the outputs.
 
     Parameters
     ----------
@@ -132,10 +137,16 @@ def cure_tones(data: IdentificationData) -> ToneCure | None:
     """
     experiments, found = list[Experiment](), set[float]()
     for item in data.experiments:
-        frequencies = [] if item.reference is None else _unanswered(item.outputs, item.reference)
+        frequencies = _unanswered(item, data.sample_time)
         found |= {frequency / data.sample_time for frequency in frequencies}
         experiments.append(_without(item, frequencies) if frequencies else item)
     return ToneCure(replace(data, experiments=tuple(experiments)), tuple(sorted(found))) if found else None
+
+
+def without_unanswered(data: IdentificationData) -> IdentificationData:
+    """Data without the tones that `cure_tones` removes."""
+    cure = cure_tones(data)
+    return data if cure is None else cure.data
 
 
 def _without(item: Experiment, frequencies: Sequence[float]) -> Experiment:
@@ -152,20 +163,50 @@ def _without(item: Experiment, frequencies: Sequence[float]) -> Experiment:
     return replace(item, inputs=inputs, outputs=outputs, reference=reference)
 
 
-def _unanswered(outputs: Arrays, reference: Arrays) -> list[float]:
-    """Tones of outputs (cycles per sample) that are far larger than the reference at their frequencies.
+def _unanswered(item: Experiment, sample_time: float) -> list[float]:
+    """Tones of the outputs (cycles per sample) that no smooth response to the reference explains, of steady amplitude.
 
-    A lightly damped mode between few lines stands out as well; but no loop that anyone would run answers to a reference
-    with ten times its amplitude.
+    A mode so narrow that it looks like a tone rings up and down within the record. Multiples of the frequency of a
+    periodic reference are distortion.
     """
-    power, given = _power(outputs - outputs.mean(axis=0)), _power(reference - reference.mean(axis=0))
-    padded = np.pad(given, 2, mode="edge")
-    beside = np.lib.stride_tricks.sliding_window_view(padded, 5).max(axis=1)  # the window spreads a line to these
+    reference = item.reference
+    if reference is None or item.steps < _FEWEST or not np.ptp(reference, axis=0).any():
+        return []
+    outputs = item.outputs - item.outputs.mean(axis=0)
+    about = without_tones(outputs, find_tones(outputs, reference, _CLEAR).frequencies)  # they would count as answers
+    left = outputs - _answer(about, reference - reference.mean(axis=0), sample_time)
+    found = find_tones(left, reference, _CLEAR).frequencies
+    period, parts = find_periodic_parts([reference]) if found else (0, [])
+    repeats = period * sum(part.periods for part in parts) > item.steps / 2
     return [
         frequency
-        for frequency in find_tones(outputs, reference).frequencies
-        if power[round(frequency * len(outputs))] > _ANSWER**2 * beside[round(frequency * len(outputs))]
+        for frequency in found
+        if _is_steady(left, frequency)
+        and not (repeats and abs(frequency * period - round(frequency * period)) < _ON_LINE * period / item.steps)
     ]
+
+
+def _answer(outputs: Arrays, reference: Arrays, sample_time: float) -> Arrays:
+    """What a response to the reference explains that is smooth over some hertz, from averages over segments."""
+    size = max(min(round(_SEGMENT / sample_time), len(outputs) // _SEGMENTS), 2)
+    window = np.hanning(size)[:, np.newaxis]
+    lines, given, moved = size // 2 + 1, reference.shape[1], outputs.shape[1]
+    of_reference, of_outputs = np.zeros((lines, given, given), complex), np.zeros((lines, moved, given), complex)
+    for start in range(0, len(outputs) - size + 1, max(size // 2, 1)):
+        r, y = (np.fft.rfft(window * one[start : start + size], axis=0) for one in (reference, outputs))
+        of_reference += r[:, :, np.newaxis] * r[:, np.newaxis].conj()
+        of_outputs += y[:, :, np.newaxis] * r[:, np.newaxis].conj()
+    least = _NO_POWER * np.trace(of_reference, axis1=1, axis2=2).real.max() * np.eye(given)
+    response = np.fft.irfft(of_outputs @ np.linalg.inv(of_reference + least), size, axis=0)
+    response = np.roll(response, size // 2, axis=0)  # its second half is what comes before the reference
+    whole = sum(fftconvolve(reference[:, [axis]], response[:, :, axis], axes=0) for axis in range(given))
+    return np.asarray(whole[size // 2 : size // 2 + len(outputs)])
+
+
+def _is_steady(signals: Arrays, frequency: float) -> bool:
+    """Whether a tone changes little over the record."""
+    sizes = np.linalg.lstsq(_waves(len(signals), [frequency]), signals, rcond=1e-12)[0]
+    return bool(0.5 * np.linalg.norm(sizes[2:]) < _STEADY * np.linalg.norm(sizes[:2]))
 
 
 def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None) -> Undisturbed:
@@ -185,8 +226,11 @@ def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None
     )
 
 
-def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
-    """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well."""
+def find_tones(signals: Arrays, reference: Arrays | None = None, least: float = _TONE) -> Tones:
+    """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well.
+
+    `least` is the power of a line over that of those beside it.
+    """
     whole = signals - signals.mean(axis=0)
     size = np.maximum(whole.std(axis=0), np.finfo(float).tiny)
     rest, frequencies = whole / size, list[float]()
@@ -195,7 +239,7 @@ def find_tones(signals: Arrays, reference: Arrays | None = None) -> Tones:
     excited = _stands_out(reference) if reference is not None else np.zeros(len(rest) // 2 + 1, bool)
     for _ in range(_PASSES):
         power = _power(rest)
-        lines = np.flatnonzero(_peaks(power) & ~excited)
+        lines = np.flatnonzero(_peaks(power, least) & ~excited)
         strongest = lines[np.argsort(-power[lines])][: _MOST - len(frequencies)]
         new = [frequency for line in strongest if (frequency := _tone_at(rest, int(line), power)) is not None]
         if not new:
@@ -234,11 +278,11 @@ def _beside(power: Arrays) -> Arrays:
     return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1), axis=1))
 
 
-def _peaks(power: Arrays) -> NDArray[np.bool_]:
+def _peaks(power: Arrays, least: float) -> NDArray[np.bool_]:
     """Lines that stand out of those beside them, and are the highest of these."""
     padded = np.pad(power, _BESIDE, mode="reflect")
     highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1).max(axis=1)
-    lines = (power > _TONE * _beside(power)) & (power >= highest)
+    lines = (power > least * _beside(power)) & (power >= highest)
     lines[:2] = False  # the mean behind the window
     return np.asarray(lines)
 

@@ -8,6 +8,7 @@ a model; one that is significant and small, or a condition that is not known, le
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -214,20 +215,22 @@ def _independent(measures: Measures) -> Condition:
 
 
 def _white(measures: Measures) -> Condition:
-    heard = [one for one in measures.tones if one.share > NOTABLE_TONE]
+    tested, removed = measures.residuals.whiteness, ", ".join(f"{one:.4g} Hz" for one in measures.removed_tones)
+    heard = [] if tested.passed else [one for one in measures.tones if one.share > NOTABLE_TONE]
     tones = ", ".join(f"{one.frequency:.4g} Hz ({100.0 * one.share:.2g} %)" for one in heard)
-    if tones and not measures.residuals.whiteness.passed:
-        return _by_chance(
-            "whiteness", "the residuals are white", measures.residuals.whiteness, "their past explains",
-            f"; they hold tones of {tones}",
-            "A tone, as of an unbalance or of the mains, is a disturbance and no fault of the plant part; it affects "
-            "predictions. Record without it, or at another speed, to see what else there is",
-        )  # fmt: skip
-    return _by_chance(
-        "whiteness", "the residuals are white", measures.residuals.whiteness, "their past explains", "",
-        "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated uncertainty, "
-        "less the design of a controller",
-    )  # fmt: skip
+    beside = f"; they hold tones of {tones}" if tones else ""
+    beside += f"; tones of {removed} are left out of all signals" if removed else ""
+    advice = (
+        "A tone, as of an unbalance or of the mains, is a disturbance and no fault of the plant part; it affects "
+        "predictions. Record without it, or at another speed, to see what else there is"
+    )
+    if not tones and not (removed and tested.passed):
+        advice = (
+            "The noise part is too simple, or the plant nonlinear. This affects predictions and the stated "
+            "uncertainty, less the design of a controller"
+        )
+    one = _by_chance("whiteness", "the residuals are white", tested, "their past explains", beside, advice)
+    return replace(one, level=_RESERVED, advice=advice) if removed else one
 
 
 def _by_chance(key: str, name: str, test: ChiSquareTest, cause: str, beside: str, advice: str) -> Condition:

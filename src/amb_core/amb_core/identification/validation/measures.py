@@ -33,7 +33,7 @@ class Measures(Result):
     model : StateSpaceModel
         The model.
     data : IdentificationData
-        The data, with removed trends added again.
+        The data, with removed trends added again, without tones that their reference lacks.
     horizons : tuple of int
         Requested prediction horizons (steps).
     prediction : Prediction
@@ -68,6 +68,8 @@ class Measures(Result):
         How the search of the identification ended, where it is known. None otherwise.
     tones : tuple of Tone
         Tones of the residuals of the longest experiment that its reference lacks, the strongest first.
+    removed_tones : tuple of float
+        Frequencies (Hz) of tones that were removed from the data before all else, see `cure_tones`.
     undecided : str or None
         What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
     """
@@ -92,6 +94,7 @@ class Measures(Result):
     search: SearchEnd | None = None
     undecided: str | None = None
     tones: tuple[Tone, ...] = ()
+    removed_tones: tuple[float, ...] = ()
 
     @property
     def fit(self) -> NDArray[np.float64]:

@@ -139,7 +139,7 @@ def _validate(
         loop.closed_loop,
         frequency,
         evidence_of(data),
-        (*loop.notes, *noted, *frequency_notes, *([] if cure is None else [cure.summary])),
+        (*loop.notes, *noted, *frequency_notes),
         _controller_check(recorded, controller, loop),
         findings,
         band_errors=errors,
@@ -151,6 +151,7 @@ def _validate(
         search=search,
         undecided=uncertainty.at_one if uncertainty is not None else None,
         tones=max(quiet, key=lambda one: len(one.errors)).tones,
+        removed_tones=() if cure is None else cure.frequencies,
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from amb_core.data.experiments.checks.report import Finding, Severity
 from amb_core.data.experiments.dataset import IdentificationData
-from amb_core.data.experiments.tones import cure_tones
+from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import IdentificationError
 from amb_core.regions.distortion import Evidence, find_evidence
 
@@ -31,9 +31,7 @@ def evidence_of(data: IdentificationData) -> Evidence:
     Evidence
         Both measures, or the reason why one is missing.
     """
-    cure = cure_tones(data)
-    if cure is not None:
-        data = cure.data
+    data = without_unanswered(data)
     try:
         records = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
     except IdentificationError as problem:
