@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.data.experiments.tones import find_tones
+from amb_core.data.experiments.tones import find_tones, standing_out
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, StateSpaceModel, validate
 from amb_core.identification.validation import Condition, Validation, predict
@@ -58,8 +58,8 @@ def test_noise_and_a_mode_that_noise_drives_have_no_tones() -> None:
 
 def test_a_line_of_the_reference_is_no_disturbance() -> None:
     errors = noise() + tone(3.0)
-    assert len(find_tones(errors, noise(seed=3)).frequencies) == 1
-    assert find_tones(errors, 5.0 * tone(1.0)).frequencies == ()
+    assert len(find_tones(errors, standing_out(noise(seed=3))).frequencies) == 1
+    assert find_tones(errors, standing_out(5.0 * tone(1.0))).frequencies == ()
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 30.0, 1e3])

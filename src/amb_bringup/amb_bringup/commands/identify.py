@@ -52,7 +52,11 @@ def identify(
         str, typer.Option(help="Criterion for the model: prediction, or simulation in closed loop.")
     ] = "prediction",
     drift: Annotated[
-        str, typer.Option(help="Slow drift of the outputs: auto (removed where found), none, or prefilter (always).")
+        str,
+        typer.Option(
+            help="Slow drift of the outputs: auto (removed where found), none, or prefilter (always). Tones that the "
+            "reference lacks are removed with it, but for none."
+        ),
     ] = "auto",
     feedthrough: Annotated[
         bool, typer.Option("--feedthrough", help="Outputs respond within the sample: estimate D; else it is zero.")
@@ -185,6 +189,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
         "search": result.search,
         "drift": result.drift
         and {"removed": result.drift.summary, "corner": result.drift.corner, "steps": result.drift.steps},
+        "tones": result.tones and {"removed": result.tones.summary, "frequencies": result.tones.frequencies},
         "verdict": result.verdict,
         "conditions": None if result.validation is None else result.validation.as_dict()["conditions"],
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
@@ -235,6 +240,8 @@ def _table(result: Identification) -> Table:
         table.add_row(Text("pole at 1", "yellow"), remark)
     if result.drift is not None:
         table.add_row("drift", result.drift.summary)
+    if result.tones is not None:
+        table.add_row("tones", result.tones.summary)
     _add_ending(table, result)
     return table
 

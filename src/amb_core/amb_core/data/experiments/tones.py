@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import fftconvolve
 
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
@@ -29,12 +28,15 @@ from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.regions.distortion.periods import find_periodic_parts
 
 Arrays = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 _BESIDE = 8  # lines to either side that are compared with
 _TONE = 12.0  # power of a line over that of those beside it
 _ONE = 0.9  # of the power about the line beyond the level beside it, that one sinusoid explains
 _MOST = 20  # tones
 _PASSES = 3
+_BLOCKS = 1024  # of time: a line or less beside another one, phases change little within
+_SMALL = 1e-9  # of sums of squares at half the sample rate
 _TURNS = 12  # halvings of the search for a frequency
 _FADED = 1e-4  # of its start, that is left of a transient of the predictor
 _FEWEST = 8 * _BESIDE  # samples
@@ -172,18 +174,32 @@ def _unanswered(item: Experiment, sample_time: float) -> list[float]:
     reference = item.reference
     if reference is None or item.steps < _FEWEST or not np.ptp(reference, axis=0).any():
         return []
-    outputs = item.outputs - item.outputs.mean(axis=0)
-    about = without_tones(outputs, find_tones(outputs, reference, _CLEAR).frequencies)  # they would count as answers
-    left = outputs - _answer(about, reference - reference.mean(axis=0), sample_time)
-    found = find_tones(left, reference, _CLEAR).frequencies
-    period, parts = find_periodic_parts([reference]) if found else (0, [])
-    repeats = period * sum(part.periods for part in parts) > item.steps / 2
-    return [
-        frequency
-        for frequency in found
-        if _is_steady(left, frequency)
-        and not (repeats and abs(frequency * period - round(frequency * period)) < _ON_LINE * period / item.steps)
-    ]
+    outputs, given = (each / max(float(np.abs(each).max()), np.finfo(float).tiny) for each in (item.outputs, reference))
+    outputs, given = outputs - outputs.mean(axis=0), given - given.mean(axis=0)
+    own, multiples = standing_out(given), _multiples_of(given)
+    explained = own | (multiples & _centred(outputs))
+    about = without_tones(outputs, find_tones(outputs, explained, _CLEAR).frequencies)  # they would count as answers
+    left = outputs - _answer(about, given, sample_time)
+    found = find_tones(left, own | (multiples & _centred(left)), _CLEAR)
+    return [frequency for frequency in found.frequencies if _is_steady(left, frequency)]
+
+
+def _multiples_of(reference: Arrays) -> NDArray[np.bool_]:
+    """Lines nearest to multiples of the frequency of a periodic reference; none of another one."""
+    lines = np.zeros(len(reference) // 2 + 1, dtype=bool)
+    period, parts = find_periodic_parts([reference])
+    if period * sum(part.periods for part in parts) > len(reference) / 2:
+        multiples = np.arange(period // 2 + 1) * len(reference) / period
+        lines[np.round(multiples).astype(int).clip(max=len(lines) - 1)] = True
+    return lines
+
+
+def _centred(signals: Arrays) -> NDArray[np.bool_]:
+    """Lines at which a peak, if there is one, is nearer than a quarter of a line: what a Hann window makes of it."""
+    size = np.sqrt(_power(signals))
+    padded = np.pad(size, 1, mode="edge")
+    ratio = np.maximum(padded[:-2], padded[2:]) / np.maximum(size, np.finfo(float).tiny)
+    return np.asarray((2.0 * ratio - 1.0) / (ratio + 1.0) < _ON_LINE)
 
 
 def _answer(outputs: Arrays, reference: Arrays, sample_time: float) -> Arrays:
@@ -199,7 +215,9 @@ def _answer(outputs: Arrays, reference: Arrays, sample_time: float) -> Arrays:
     least = _NO_POWER * np.trace(of_reference, axis1=1, axis2=2).real.max() * np.eye(given)
     response = np.fft.irfft(of_outputs @ np.linalg.inv(of_reference + least), size, axis=0)
     response = np.roll(response, size // 2, axis=0)  # its second half is what comes before the reference
-    whole = sum(fftconvolve(reference[:, [axis]], response[:, :, axis], axes=0) for axis in range(given))
+    length = 1 << (len(outputs) + size).bit_length()
+    spectrum, gains = np.fft.rfft(reference, length, axis=0), np.fft.rfft(response, length, axis=0)
+    whole = np.fft.irfft(np.einsum("kij,kj->ki", gains, spectrum), length, axis=0)
     return np.asarray(whole[size // 2 : size // 2 + len(outputs)])
 
 
@@ -214,32 +232,33 @@ def undisturbed(model: StateSpaceModel, errors: Arrays, reference: Arrays | None
 
     Without a reference a tone cannot be told from what the model does not follow, and stays.
     """
-    if reference is None or not find_tones(errors, reference).frequencies:
+    if reference is None or not find_tones(errors, standing_out(reference)).frequencies:
         return Undisturbed(0, errors, ())
     radius = float(np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max(initial=0.0))
     memory = math.ceil(math.log(_FADED) / math.log(radius)) if radius > 0.0 else 1
     first = min(memory, len(errors) // 4)
-    tones_of_errors = find_tones(errors[first:], reference[first:])
+    tones_of_errors = find_tones(errors[first:], standing_out(reference[first:]))
     tones = zip(tones_of_errors.frequencies, tones_of_errors.shares, strict=True)
     return Undisturbed(
         first, tones_of_errors.rest, tuple(Tone(each / model.sample_time, share) for each, share in tones)
     )
 
 
-def find_tones(signals: Arrays, reference: Arrays | None = None, least: float = _TONE) -> Tones:
-    """The tones of signals, shape (steps, p), but for those that a reference, shape (steps, r), has as well.
+def find_tones(signals: Arrays, given: NDArray[np.bool_] | None = None, least: float = _TONE) -> Tones:
+    """The tones of signals, shape (steps, p).
 
-    `least` is the power of a line over that of those beside it.
+    Those at given lines, shape (steps // 2 + 1,), are left out. `least` is the power of a line over that of those
+    beside it.
     """
     whole = signals - signals.mean(axis=0)
     size = np.maximum(whole.std(axis=0), np.finfo(float).tiny)
     rest, frequencies = whole / size, list[float]()
     if len(rest) < _FEWEST:
         return Tones((), (), whole)
-    excited = _stands_out(reference) if reference is not None else np.zeros(len(rest) // 2 + 1, bool)
     for _ in range(_PASSES):
         power = _power(rest)
-        lines = np.flatnonzero(_peaks(power, least) & ~excited)
+        peaks = _peaks(power, least)
+        lines = np.flatnonzero(peaks if given is None else peaks & ~given)
         strongest = lines[np.argsort(-power[lines])][: _MOST - len(frequencies)]
         new = [frequency for line in strongest if (frequency := _tone_at(rest, int(line), power)) is not None]
         if not new:
@@ -287,7 +306,7 @@ def _peaks(power: Arrays, least: float) -> NDArray[np.bool_]:
     return np.asarray(lines)
 
 
-def _stands_out(reference: Arrays) -> NDArray[np.bool_]:
+def standing_out(reference: Arrays) -> NDArray[np.bool_]:
     """Lines that stand out in a reference, and those next to them, to which a window spreads them."""
     power = _power(reference - reference.mean(axis=0))
     out = (power > _TONE * _beside(power)) & (power > _NO_POWER * power.max())
@@ -297,15 +316,39 @@ def _stands_out(reference: Arrays) -> NDArray[np.bool_]:
 def _tone_at(rest: Arrays, line: int, power: Arrays) -> float | None:
     """Frequency of the tone at a line (cycles per sample); None if it is none."""
     low, high = max(line - _BESIDE, 0), line + _BESIDE + 1
-    frequency, step = line / len(rest), 0.5 / len(rest)
-    left = _left(rest, frequency)
+    demodulated = _demodulated(rest, line)
+    offset, step = 0.0, 0.5
+    left = _left(demodulated, len(rest), line, offset)
     for _ in range(_TURNS):  # halve the interval about the frequency that leaves least
-        sides = [(_left(rest, frequency + sign * step), frequency + sign * step) for sign in (-1.0, 1.0)]
-        left, frequency = min([(left, frequency), *sides])
+        sides = [offset - step, offset + step]
+        left, offset = min([(left, offset), *((_left(demodulated, len(rest), line, side), side) for side in sides)])
         step *= 0.5
+    frequency = (line + offset) / len(rest)
     beyond = float(np.sum(power[low:high]) - (high - low) * _beside(power)[line])
     explained = float(np.sum(power[low:high]) - np.sum(_power(without_tones(rest, [frequency]))[low:high]))
     return frequency if explained > _ONE * beyond else None
+
+
+def _demodulated(signals: Arrays, line: int) -> Complexes:
+    """Signals times exp(-j w t) with w of a line and t from the middle, summed over blocks of time, shape (b, p)."""
+    steps = len(signals)
+    turned = signals * np.exp(-2j * np.pi * line / steps * (np.arange(steps) - 0.5 * (steps - 1)))[:, np.newaxis]
+    return np.asarray(np.add.reduceat(turned, _block_starts(steps)))
+
+
+def _block_starts(steps: int) -> NDArray[np.int_]:
+    return np.unique(np.linspace(0, steps, min(_BLOCKS, steps), endpoint=False).astype(int))
+
+
+def _left(demodulated: Complexes, steps: int, line: int, offset: float) -> float:
+    """Squares that a steady sinusoid so many lines beside a line leaves, but for those of the signals."""
+    starts = _block_starts(steps)
+    middle = 0.5 * (starts + np.append(starts[1:], steps) - 1) - 0.5 * (steps - 1)
+    sums = np.exp(-2j * np.pi * offset / steps * middle) @ demodulated  # along the cosine, and minus the sine
+    angle = 2.0 * np.pi * (line + offset) / steps
+    double = math.sin(angle * steps) / math.sin(angle) if abs(math.sin(angle)) > _SMALL else float(steps)
+    squares = [max(0.5 * (steps + sign * double), _SMALL) for sign in (1.0, -1.0)]  # of the cosine and the sine
+    return -float(np.sum(sums.real**2) / squares[0] + np.sum(sums.imag**2) / squares[1])
 
 
 def _waves(steps: int, frequencies: Sequence[float]) -> Arrays:
@@ -314,10 +357,3 @@ def _waves(steps: int, frequencies: Sequence[float]) -> Arrays:
     angle = 2.0 * np.pi * place * np.array(frequencies)
     steady = np.hstack([np.cos(angle), np.sin(angle)])
     return np.asarray(np.hstack([steady, steady * (place / steps)]))
-
-
-def _left(signals: Arrays, frequency: float) -> float:
-    """Squares that a steady sinusoid leaves, but for those of the signals."""
-    steady = _waves(len(signals), [frequency])[:, :2]
-    along = steady.T @ signals
-    return -float(np.sum(along * np.linalg.solve(steady.T @ steady, along)))
