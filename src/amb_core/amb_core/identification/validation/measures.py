@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.data.experiments import Finding, IdentificationData
-from amb_core.data.experiments.tones import Tone
 from amb_core.ground.results import Result
 from amb_core.identification.prediction import Prediction
 from amb_core.identification.progress import SearchEnd
@@ -20,6 +19,7 @@ from amb_core.identification.validation.model_error import BandError
 from amb_core.identification.validation.residuals import ResidualTests
 from amb_core.identification.validation.ringing import Ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit
+from amb_core.identification.validation.undisturbed import Tone
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.regions.distortion import Evidence
 

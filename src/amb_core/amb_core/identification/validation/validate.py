@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from amb_core.data.controller_choice import suits_controller
 from amb_core.data.experiments import Finding, IdentificationData, Severity, restore
 from amb_core.data.experiments.checks import check_recording, evidence_of
-from amb_core.data.experiments.tones import Undisturbed, cure_tones, undisturbed
+from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.controller_check import NOT_CHECKED, check_controller
 from amb_core.identification.given import Data, Model, given_loop, given_model
@@ -26,6 +26,7 @@ from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
 from amb_core.identification.validation.ringing import LONGEST, Ringing, find_ringing
 from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
+from amb_core.identification.validation.undisturbed import Undisturbed, undisturbed
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
