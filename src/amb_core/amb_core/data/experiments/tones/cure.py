@@ -75,7 +75,18 @@ def cure_tones(data: IdentificationData) -> ToneCure | None:
 
 
 def without_unanswered(data: IdentificationData) -> IdentificationData:
-    """Data without the tones that `cure_tones` removes."""
+    """Data without the tones that `cure_tones` removes.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+
+    Returns
+    -------
+    IdentificationData
+        The data, as they are if there are no such tones.
+    """
     cure = cure_tones(data)
     return data if cure is None else cure.data
 

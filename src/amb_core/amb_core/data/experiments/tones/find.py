@@ -42,11 +42,11 @@ class Tones:
     Attributes
     ----------
     frequencies : tuple of float
-        Their frequencies (cycles per sample), the strongest first.
+        Their frequencies (1, cycles per sample), the strongest first.
     shares : tuple of float
         What each has of the variance of the signals, of the signal in which that is most (-).
     rest : ndarray, shape (steps, p)
-        The signals without tones and means.
+        The signals without tones and means (m, A or as they are).
     """
 
     frequencies: tuple[float, ...]
@@ -55,10 +55,21 @@ class Tones:
 
 
 def find_tones(signals: Arrays, given: NDArray[np.bool_] | None = None, least: float = _TONE) -> Tones:
-    """The tones of signals, shape (steps, p).
+    """The tones of signals.
 
-    Those at given lines, shape (steps // 2 + 1,), are left out. `least` is the power of a line over that of those
-    beside it.
+    Parameters
+    ----------
+    signals : ndarray, shape (steps, p)
+        Samples (m, A).
+    given : ndarray of bool, shape (steps // 2 + 1,), optional
+        Lines whose tones are left out. None for no line.
+    least : float, optional
+        Power of the line of a tone over that of those beside it (-).
+
+    Returns
+    -------
+    Tones
+        The tones, and the signals without them.
     """
     whole = signals - signals.mean(axis=0)
     size = np.maximum(whole.std(axis=0), np.finfo(float).tiny)
@@ -82,9 +93,21 @@ def find_tones(signals: Arrays, given: NDArray[np.bool_] | None = None, least: f
 
 
 def without_tones(signals: Arrays, frequencies: Sequence[float], window: Arrays | None = None) -> Arrays:
-    """Signals, shape (steps, p), without their parts of these frequencies (cycles per sample).
+    """Signals without their parts of some frequencies.
 
-    Of their parts as they are behind a window, if there is one.
+    Parameters
+    ----------
+    signals : ndarray, shape (steps, p)
+        Samples (m, A).
+    frequencies : sequence of float
+        Frequencies (1, cycles per sample).
+    window : ndarray, shape (steps,), optional
+        Weights (-) of the samples from which the parts are estimated. None for equal ones.
+
+    Returns
+    -------
+    ndarray, shape (steps, p)
+        The rest, in the unit of the signals.
     """
     if not len(frequencies):
         return signals
@@ -96,7 +119,18 @@ def without_tones(signals: Arrays, frequencies: Sequence[float], window: Arrays 
 
 
 def standing_out(reference: Arrays) -> NDArray[np.bool_]:
-    """Lines that stand out in a reference, and those next to them, to which a window spreads them."""
+    """Lines that stand out in a reference, and those next to them, to which a window spreads them.
+
+    Parameters
+    ----------
+    reference : ndarray, shape (steps, r)
+        Samples (m).
+
+    Returns
+    -------
+    ndarray of bool, shape (steps // 2 + 1,)
+        Whether each line is one of them.
+    """
     power = power_of(reference - reference.mean(axis=0))
     out = (power > _TONE * _beside(power)) & (power > _NO_POWER * power.max())
     return np.asarray(np.convolve(out, np.ones(5), mode="same") > 0.5)
