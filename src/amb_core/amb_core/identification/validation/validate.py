@@ -139,7 +139,7 @@ def _validate(
         residuals,
         loop.closed_loop,
         frequency,
-        evidence_of(data),
+        evidence_of(data, cured=True),
         (*loop.notes, *noted, *frequency_notes),
         _controller_check(recorded, controller, loop),
         findings,

@@ -16,7 +16,7 @@ LOW_COHERENCE = 0.3
 """Noise and distortion together over the explained motion that are: noise alone costs less than distortion."""
 
 
-def evidence_of(data: IdentificationData) -> Evidence:
+def evidence_of(data: IdentificationData, *, cured: bool = False) -> Evidence:
     """Distortion and coherence of records of the loop, with their trends; nothing, with the reason, of other data.
 
     Tones that the reference lacks are left out: an unbalance is no distortion.
@@ -25,13 +25,15 @@ def evidence_of(data: IdentificationData) -> Evidence:
     ----------
     data : IdentificationData
         Data of the closed loop.
+    cured : bool, optional
+        Whether the data are without such tones already, so that they are not sought again.
 
     Returns
     -------
     Evidence
         Both measures, or the reason why one is missing.
     """
-    data = without_unanswered(data)
+    data = data if cured else without_unanswered(data)
     try:
         records = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
     except IdentificationError as problem:

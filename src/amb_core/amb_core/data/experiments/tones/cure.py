@@ -16,6 +16,7 @@ from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.data.experiments.tones.find import (
     FEWEST,
+    NO_POWER,
     Arrays,
     centred,
     find_tones,
@@ -26,7 +27,6 @@ from amb_core.data.experiments.tones.find import (
 from amb_core.regions.distortion.periods import find_periodic_parts
 
 _CLEAR = 30.0  # power over that of the lines beside it, of a tone that is removed from data
-_NO_POWER = 1e-8  # of the largest line of the reference
 _SEGMENT, _SEGMENTS = 0.2, 8  # s, over which a bearing answers, and their number at least
 
 
@@ -146,7 +146,7 @@ def _answer(outputs: Arrays, reference: Arrays, sample_time: float) -> Arrays:
         r, y = (np.fft.rfft(window * one[start : start + size], axis=0) for one in (reference, outputs))
         of_reference += r[:, :, np.newaxis] * r[:, np.newaxis].conj()
         of_outputs += y[:, :, np.newaxis] * r[:, np.newaxis].conj()
-    least = _NO_POWER * np.trace(of_reference, axis1=1, axis2=2).real.max() * np.eye(given)
+    least = NO_POWER * np.trace(of_reference, axis1=1, axis2=2).real.max() * np.eye(given)
     response = np.fft.irfft(of_outputs @ np.linalg.inv(of_reference + least), size, axis=0)
     response = np.roll(response, size // 2, axis=0)  # its second half is what comes before the reference
     length = 1 << (len(outputs) + size).bit_length()

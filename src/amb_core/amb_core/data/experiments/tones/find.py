@@ -24,6 +24,8 @@ _BESIDE = 8  # lines to either side that are compared with
 _TONE = 12.0  # power of a line over that of those beside it
 FEWEST = 8 * _BESIDE
 """Samples in which tones are sought."""
+NO_POWER = 1e-8
+"""Of the largest line of a reference, below which a line is none of it."""
 _ONE = 0.9  # of the power about the line beyond the level beside it, that one sinusoid explains
 _MOST = 20  # tones
 _PASSES = 3
@@ -32,7 +34,6 @@ _SMALL = 1e-9  # of sums of squares at half the sample rate
 _TURNS = 12  # halvings of the search for a frequency
 _STEADY = 0.3  # of a tone's amplitude, that it changes from the middle of a record to its ends
 _ON_LINE = 0.25  # lines, beside the middle of one
-_NO_POWER = 1e-8  # of the largest line of the reference
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def standing_out(reference: Arrays) -> NDArray[np.bool_]:
         Whether each line is one of them.
     """
     power = power_of(reference - reference.mean(axis=0))
-    out = (power > _TONE * _beside(power)) & (power > _NO_POWER * power.max())
+    out = (power > _TONE * _beside(power)) & (power > NO_POWER * power.max())
     return np.asarray(np.convolve(out, np.ones(5), mode="same") > 0.5)
 
 
