@@ -290,8 +290,8 @@ def _save_figures(folder: Path, result: Identification, entries: list[Entry] | N
     known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
     for index in known if result.closed_loop_poles is not None else ():
         place = f"experiment_{index + 1}" if len(known) > 1 else ""
-        figures.save_loop_figures(folder / place, result.data.record(index), result.simulations[index])
-        names += [str(Path(place) / name) for name in ("response", "orbit")]
+        drawn = figures.save_loop_figures(folder / place, result.data.record(index), result.simulations[index])
+        names += [str(Path(place) / name) for name in drawn]
     model = result.model
     highest = 0.5 / model.sample_time
     frequencies = np.geomspace(highest / 5_000.0, 0.99 * highest, 400)

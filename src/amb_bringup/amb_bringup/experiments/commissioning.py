@@ -26,7 +26,7 @@ from amb_core.excitation import generate
 from amb_core.ground.errors import AmbError
 from amb_core.ground.units import UM
 from amb_core.linear.model import StateSpaceModel
-from amb_core.loop.machine import Machine
+from amb_core.loop.machine import Machine, radial_bearings
 from amb_core.loop.telemetry import merge_blocks
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.machine import machine_from_message
@@ -283,7 +283,8 @@ class Session:
         alarm = bool(rig.wait_for_state().alarm)
         checks.append(Check("alarm", "on" if alarm else "off", limit="off", passed=not alarm))
         rest = record.window(stop - self._measured.steps(0.5 * REST), self._measured.steps(0.5 * REST))
-        self.figures["orbit"] = orbit_chart(rest, title="Orbit of the levitated rotor at rest")
+        if radial_bearings(rest):
+            self.figures["orbit"] = orbit_chart(rest, title="Orbit of the levitated rotor at rest")
         return rest.position.mean(axis=0), checks
 
     def _how_it_failed(self) -> str:

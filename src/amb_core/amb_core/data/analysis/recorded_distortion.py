@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from amb_core.data.analysis.file_recording import NO_STEPS, FileContent
+from amb_core.data.analysis.file_recording import NO_STEPS, RUN, FileContent
 from amb_core.data.analysis.recorded_data import recorded_data
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import AmbError, IdentificationError
@@ -39,7 +39,7 @@ def evidence_of_run(recording: Recording, run: int | None = None, first_step: in
         If there are no such data.
     """
     if isinstance(recording.content, FileContent):
-        if run is not None or first_step != -1 or steps:
+        if run not in (None, RUN) or first_step != -1 or steps:
             raise IdentificationError(f"data {recording.path}: {NO_STEPS}")
         return evidence_of_data(recording.content.data)
     data = recorded_data(recording, run, first_step, steps)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from amb_core.ground.errors import AmbError
 from amb_core.ground.units import UM
 from amb_core.identification.fit import fit_text
 from amb_core.identification.validation import nrmse_fit
@@ -43,8 +44,15 @@ def orbit_chart(
     -------
     Chart
         The chart, ready to save.
+
+    Raises
+    ------
+    AmbError
+        If the machine has one axis only, which has no orbit.
     """
     planes = radial_bearings(measured)
+    if not planes:
+        raise AmbError(f"a machine of the axis {listed(measured.axes)} has no orbit; allowed: two axes or more")
     models = [None] * len(planes) if modelled is None else radial_bearings(modelled)
     panels, texts = [], []
     for plane, model in zip(planes, models, strict=True):
@@ -116,8 +124,8 @@ def response_chart(
     return Chart(title, alt, tuple(panels), shared_x=True, size=(8.0, 3.0 * len(panels)))
 
 
-def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRecord | None = None) -> None:
-    """Write orbit and response as PNG and as page.
+def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRecord | None = None) -> tuple[str, ...]:
+    """Write response and, of a machine with a radial bearing, orbit as PNG and as page.
 
     Parameters
     ----------
@@ -128,10 +136,19 @@ def save_loop_figures(folder: str | Path, measured: LoopRecord, modelled: LoopRe
     modelled : LoopRecord, optional
         Record of the model under the same reference; None to show the plant alone.
 
+    Returns
+    -------
+    tuple of str
+        Names of the figures.
+
     Raises
     ------
     AmbError
         If a file cannot be written.
     """
-    orbit_chart(measured, modelled).save(folder, "orbit")
-    response_chart(measured, modelled).save(folder, "response")
+    charts = {"response": response_chart(measured, modelled)}
+    if radial_bearings(measured):
+        charts["orbit"] = orbit_chart(measured, modelled)
+    for name, chart in charts.items():
+        chart.save(folder, name)
+    return tuple(charts)

@@ -98,7 +98,7 @@ def recording_report(
     identified, problem = _identified(recording, regions.run, order, controller, progress, entries, certified)
     sections += [Section(MODEL, [Prose(f"There is none: {problem}.")])] if identified is None else identified.sections
     return Report(
-        _title(recording, regions.run),
+        _title(recording, regions),
         _lead(regions, evidence) + (f" No model: {problem}." if problem else ""),
         [FigureBlock(_sweep(regions)), _experiment(recording, regions)],
         sections,
@@ -107,14 +107,21 @@ def recording_report(
     )
 
 
-def _title(recording: Recording, run: int) -> str:
+def _title(recording: Recording, regions: RecordedRegions) -> str:
     """What was done, and when, as far as the bag says."""
-    kinds = list(dict.fromkeys(item.kind for item in _excitations(recording, run)))
-    text = (
-        f"Magnetic bearing under {' and '.join(kinds)} excitation" if kinds else "Magnetic bearing without excitation"
-    )
+    kinds = list(dict.fromkeys(item.kind for item in _excitations(recording, regions.run)))
+    if kinds:
+        text = f"Magnetic bearing under {' and '.join(kinds)} excitation"
+    else:
+        text = f"Magnetic bearing {'with a moving reference' if _reference_moves(regions) else 'without excitation'}"
     when = datetime.fromtimestamp(recording.start / 1e9, UTC)
     return f"{text}, {when:%Y-%m-%d %H:%M} UTC" if when.year > _UNSET else text
+
+
+def _reference_moves(regions: RecordedRegions) -> bool:
+    """Whether there is an excitation, though of a kind that the recording does not name, as that of a file."""
+    reference = regions.record.reference
+    return bool(np.any(np.nanmax(reference, axis=0) > np.nanmin(reference, axis=0)))
 
 
 def _excitations(recording: Recording, run: int) -> list[AppliedExcitation]:
@@ -167,7 +174,7 @@ def _experiment(recording: Recording, regions: RecordedRegions) -> TableBlock:
         ("run", str(regions.run)),
         ("samples", f"{record.steps}, from step {record.first_step} on"),
         ("sample time", f"{1e6 * record.sample_time:g} µs"),
-        ("excitations", "; ".join(excitations) or "none"),
+        ("excitations", "; ".join(excitations) or ("the reference moves" if _reference_moves(regions) else "none")),
         ("missing", describe_gaps(regions.gaps) if regions.gaps else "nothing"),
     ]
     if controller is not None:
