@@ -103,11 +103,12 @@ def linear_law(model: StateSpaceModel, axes: int, limit: float = 3.0) -> LinearC
 
 
 def rotor(axes: int) -> Rotor:
-    """The turning rigid rotor in two bearings (4 axes, 12 states), or the half of it in one (2 axes, 6 states)."""
+    """The turning rigid rotor in two bearings (4 axes, 12 states), or the half of it in one (2 axes, or 1 of them)."""
     rates = 2.0 * np.pi * np.array([1_500.0, 2_000.0, 1_700.0, 1_900.0][:axes])
-    if axes == 2:
-        inverse, at_magnets, at_sensors = np.eye(2) / (MASS / 2.0), np.eye(2), np.array([[1.0, 0.02], [-0.03, 1.0]])
-        gyroscopic = np.zeros((2, 2))
+    if axes <= 2:
+        inverse, at_magnets = np.eye(axes) / (MASS / 2.0), np.eye(axes)
+        at_sensors = np.array([[1.0, 0.02], [-0.03, 1.0]])[:axes, :axes]
+        gyroscopic = np.zeros((axes, axes))
     else:
         inverse = np.diag([1.0 / MASS, 1.0 / MASS, 1.0 / TRANSVERSE, 1.0 / TRANSVERSE])
         at_magnets, at_sensors = (

@@ -205,7 +205,7 @@ def test_what_is_no_controller_of_the_data_is_refused_in_one_line(
             "slow.json",
             "^the controller is made for 5000 Hz, the data are sampled at 10000 Hz; give the controller with",
         ),
-        ("text.json", "^controller model .*text.json: expected the fields"),
+        ("text.json", "^controller model .*text.json: lacks A, B, C, D, Ts"),
         ("nowhere.json", "^controller model .*nowhere.json: "),
         (
             "controller.txt",

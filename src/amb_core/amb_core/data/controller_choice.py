@@ -23,7 +23,7 @@ _CONTROLLER_FILES = (".json", ".npz", ".mat")
 ALLOWED = (
     f"{PAPER}, {PD}K_P,K_D in A/m and A s/m with the derivative on the error ({PD}K_P,K_D,measurement for that on the "
     "measured position), a ROS parameter file (.yaml), or a state-space controller "
-    f"({', '.join(_CONTROLLER_FILES)})"
+    f"({', '.join(_CONTROLLER_FILES)} of A, B, C, D, Ts)"
 )
 """What `named_controller` takes, as text."""
 

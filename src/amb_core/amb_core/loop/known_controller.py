@@ -5,15 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from amb_core.ground.errors import AmbError, ParameterError
 from amb_core.ground.parameters import choice
+from amb_core.linear import LinearSystem
 from amb_core.linear.model import StateSpaceModel
+from amb_core.loop.controller_files import controller_from, load_controller
 from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, with_anti_windup
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import sample_rate_of
+
+if TYPE_CHECKING:
+    import control
 
 _MATRICES = ("a", "b", "c", "d", "k", "input_offset", "output_offset")
 
@@ -22,7 +28,8 @@ class ControllerFileParameters(LinearControllerParameters):
     """Parameters of a linear controller that comes from a file or from a topic."""
 
     controller_file: str = choice(
-        "", "file of the controller, as StateSpaceModel.save writes one; empty: the topic controller"
+        "",
+        "file of the controller: A, B, C, D and Ts, or as StateSpaceModel.save writes one; empty: the topic controller",
     )
 
 
@@ -51,7 +58,7 @@ class LinearControl:
 
     @classmethod
     def load(cls, path: str | Path, parameters: LinearControllerParameters | None = None) -> LinearControl:
-        """From the file of a `state_space_controller`, by default with the default limit.
+        """From a file, see `load_controller`; by default with the default limit.
 
         Raises
         ------
@@ -59,9 +66,22 @@ class LinearControl:
             If the file cannot be read or does not hold a controller.
         """
         try:
-            return cls(StateSpaceModel.load(path), parameters or LinearControllerParameters())
+            return cls(load_controller(path), parameters or LinearControllerParameters())
         except AmbError as problem:
             raise ParameterError(f"controller {problem}") from None
+
+    @classmethod
+    def of(
+        cls, system: LinearSystem | control.StateSpace, parameters: LinearControllerParameters | None = None
+    ) -> LinearControl:
+        """From a controller that was designed in Python, see `controller_from`; by default with the default limit.
+
+        Raises
+        ------
+        ParameterError
+            If it is no linear system of discrete time.
+        """
+        return cls(controller_from(system), parameters or LinearControllerParameters())
 
     @cached_property
     def sample_rate(self) -> float:
