@@ -15,8 +15,9 @@ from amb_core.data.controller_choice import (
     is_named_set,
     named_controller,
     needs_controller,
+    shown_limit,
 )
-from amb_core.data.experiments import DataDescription
+from amb_core.data.experiments import DataDescription, IdentificationData
 from amb_core.ground.errors import AmbError, BagError, IdentificationError, ParameterError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS
 from amb_core.ground.parameters import Parameters, part_of
@@ -99,17 +100,18 @@ class LoopSources:
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
         if name:
             if name != NO_CONTROLLER and not (request.bag and is_named_set(name)):
-                loop = replace(loop, controller=self.named_controller(name, loop.data.sample_rate))
+                loop = replace(loop, controller=self.named_controller(name, loop.data))
             remark += f"; controller: {name}, as requested"
         elif loop.controller is None and needs_controller(loop.data):
             source = f"bag {request.bag} lacks" if request.bag else f"node {self._controller} does not give"
             raise IdentificationError(f"{source} the parameters of the controller; {NAME_A_CONTROLLER}")
         return loop, remark
 
-    def named_controller(self, name: str, sample_rate: float | None) -> KnownController:
-        """The controller named in a request, at the sample rate of its data (Hz) if that is known."""
+    def named_controller(self, name: str, data: IdentificationData | None) -> KnownController:
+        """The controller named in a request, with the sample rate of its data and the limit that they show."""
+        sample_rate, limit = (None, None) if data is None else (data.sample_rate, shown_limit(data))
         if is_named_set(name):
-            return named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate)
+            return named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate, limit)
         controller = self._controller_of(name)
         return controller if sample_rate is None else controller.at_rate(sample_rate)
 

@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from amb_core.data.controller_choice import named_controller
+import amb_core as amb
+from amb_core.data.controller_choice import named_controller, shown_limit
+from amb_core.data.experiments import IdentificationData, write_data
 from amb_core.ground.errors import ParameterError
 from amb_core.linear import LinearSystem
+from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearController, pd_as_linear
+from tests.lqg_loop import linear_law, rotor
 
 PERIOD = 1e-4
 PID = {  # from the error, one axis: an integrator and a filtered derivative
@@ -133,3 +137,38 @@ def test_references_and_positions_have_their_names(tmp_path: Path) -> None:
     }))  # fmt: skip
     assert (read.model.input_names, read.model.output_names) == (pd.input_names, pd.output_names)
     np.testing.assert_allclose(currents(read, 2), currents(LinearControl(pd, read.parameters), 2))
+
+
+def loop_of(law: StateSpaceModel, limit: float, amplitude: float = 60e-6) -> list[IdentificationData]:
+    """Two experiments of a rotor of two axes whose currents reach 15 A, or a limit."""
+    records = (rotor(2).record(linear_law(law, 2, limit), 8_000, seed, amplitude) for seed in (1, 2))
+    return [IdentificationData.from_record(record) for record in records]
+
+
+@pytest.mark.parametrize("limit", [100.0, 8.0])
+def test_the_currents_show_the_limit_that_a_file_does_not_hold(tmp_path: Path, limit: float) -> None:
+    law = rotor(2).lqg()
+    content = {"A": law.a, "B": law.b, "C": law.c, "D": law.d, "Ts": law.sample_time}
+    controller = str(written(tmp_path, ".mat", content))
+    data, other = loop_of(law, limit)
+    assert shown_limit(data) == (None if limit == 100.0 else limit)
+    result = amb.identify(data, 6, "ssarx", controller)
+    assert result.controller.current_limit == limit
+    assert np.all(amb.validate(result, other, controller).fit > 98.0)
+    file = tmp_path / "data.csv"
+    write_data(data, file)
+    read = amb.read(file, controller=controller)
+    assert read.controller.current_limit == pytest.approx(limit)
+
+
+def test_gains_alone_have_the_limit_that_the_currents_show(bearing) -> None:
+    data = IdentificationData.from_record(bearing.experiment(2e-8, force=0.1))  # reaches 3 A
+    result = amb.identify(data, 6, controller="pd:20000,38")
+    assert result.controller.current_limit == 3.0
+    assert np.all(result.model.fit > 99.0)
+
+
+def test_a_single_peak_is_no_limit(bearing) -> None:
+    data = IdentificationData.from_record(bearing.experiment(2e-8, force=0.1, amplitude=10e-6))
+    assert shown_limit(data) is None
+    assert named_controller("pd:20000,38").current_limit > 50.0

@@ -6,15 +6,18 @@ import html
 import subprocess
 import sys
 
+import control
 import numpy as np
 import pytest
 
 import amb_core as amb
 from amb_core.data.experiments import RecordedLoop
-from amb_core.ground.errors import IdentificationError
-from amb_core.loop.control import ControllerParameters
+from amb_core.ground.errors import AmbError, IdentificationError
+from amb_core.loop.control import ControllerParameters, PdController
+from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.linear_control import linear_law
 from amb_core.loop.records import LoopRecord
-from amb_core.robustness import RobustnessSettings
+from amb_core.robustness import RobustnessSettings, assess
 
 NOISE, FORCE = 2e-8, 0.1
 
@@ -101,6 +104,41 @@ def test_another_model_is_one_clear_error(loop: RecordedLoop) -> None:
     for call in (amb.validate, lambda model, data: amb.certify(model, ControllerParameters(), data)):
         with pytest.raises(IdentificationError, match=r"^model: ndarray of shape \(2, 2\) is not allowed; allowed: "):
             call(np.eye(2), loop)
+
+
+PD = ControllerParameters()
+DESIGN = linear_law(PD, 2).to_control()  # of python-control, from references and positions to currents
+
+
+def test_a_controller_may_be_a_design_or_a_name(identification, other: LoopRecord) -> None:
+    data = amb.IdentificationData.from_record(other)
+    expected = amb.validate(identification.model, data, PD).fit
+    for controller in (DESIGN, linear_law(PD, 2)):
+        assert amb.validate(identification.model, data, controller).fit == pytest.approx(expected, abs=1e-6)
+    name = f"pd:{PD.proportional_gain},{PD.derivative_gain}"  # the data show its limit
+    assert amb.validate(identification.model, data, name).fit == pytest.approx(expected, abs=1e-6)
+    assert assess(identification.model, DESIGN).mu.upper == pytest.approx(assess(identification.model, PD).mu.upper)
+    identified = amb.identify(data, order=2, method="ssarx", controller=DESIGN)
+    assert identified.closed_loop_poles is not None and identified.controller == LinearControl.of(DESIGN)
+
+
+def test_another_controller_is_one_clear_error(identification, loop: RecordedLoop) -> None:
+    slower = control.ss(DESIGN.A, DESIGN.B, DESIGN.C, DESIGN.D, 2e-4)
+    for wrong, reason in (
+        (PdController(PD), "^controller: PdController is not allowed; allowed: ControllerParameters, LinearControl, L"),
+        (np.eye(2), r"^controller: ndarray of shape \(2, 2\) is not allowed"),
+        (slower, "^the controller is made for 5000 Hz, the data are sampled at 10000 Hz"),
+        ("mine.mat", "^controller model mine.mat: cannot be read"),
+    ):
+        calls = (
+            lambda wrong=wrong: amb.identify(loop, 2, controller=wrong),
+            lambda wrong=wrong: amb.validate(identification, loop, wrong),
+            lambda wrong=wrong: amb.certify(identification, wrong),
+            lambda wrong=wrong: assess(identification.model, wrong),
+        )
+        for call in calls:
+            with pytest.raises(AmbError, match=reason):
+                call()
 
 
 @pytest.mark.parametrize(

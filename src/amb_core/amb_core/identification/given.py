@@ -1,16 +1,22 @@
-"""The data and models that every step takes: from a record to a read file, from a model to its identification."""
+"""What every step takes: data from a record to a read file, a model or its identification, a controller of any kind."""
 
 from __future__ import annotations
 
-from typing import Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol, TypeAlias, overload
 
+from amb_core.data.controller_choice import designed_controller, named_controller, shown_limit
 from amb_core.data.experiments import IdentificationData, RecordedLoop
-from amb_core.ground.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
+from amb_core.linear import LinearSystem
 from amb_core.linear.model.state_space import StateSpaceModel
-from amb_core.loop.known_controller import KnownController
-from amb_core.loop.records import LoopRecord
+from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.pd_parameters import ControllerParameters
+from amb_core.loop.records import LoopRecord, sample_rate_of
+
+if TYPE_CHECKING:
+    import control
 
 
 class Identified(Protocol):
@@ -41,6 +47,8 @@ Model: TypeAlias = StateSpaceModel | Identified
 """A model, or the result of its identification."""
 Data: TypeAlias = LoopRecord | IdentificationData | RecordedLoop
 """Data of a loop: simulated, from arrays, or from a file or bag with what is known of it."""
+Controller: TypeAlias = "KnownController | LinearSystem | control.StateSpace | str"
+"""Parameters of the PD law, a linear law, a design of python-control, or a name as `named_controller` takes."""
 
 
 def given_loop(data: Data) -> RecordedLoop:
@@ -77,6 +85,46 @@ def given_model(model: Model) -> StateSpaceModel:
     raise IdentificationError(
         f"model: {_kind(model)} is not allowed; allowed: the result of identify, or a StateSpaceModel; files: "
         "StateSpaceModel.load(path)"
+    )
+
+
+@overload
+def given_controller(
+    controller: Controller, sample_time: float, data: IdentificationData | None = None
+) -> KnownController: ...
+@overload
+def given_controller(
+    controller: Controller | None, sample_time: float, data: IdentificationData | None = None
+) -> KnownController | None: ...
+def given_controller(
+    controller: Controller | None, sample_time: float, data: IdentificationData | None = None
+) -> KnownController | None:
+    """The controller itself; None for none.
+
+    Parameters
+    ----------
+    controller : KnownController, LinearSystem, control.StateSpace, str or None
+        As `Controller`.
+    sample_time : float
+        That of the data or of the model (s), for which one that is named or designed has to be made.
+    data : IdentificationData, optional
+        Data of its loop, which show a limit that a name or design does not hold; by default it has none.
+
+    Raises
+    ------
+    IdentificationError, ParameterError
+        If it is something else, cannot be read, or is made for another sample time.
+    """
+    if controller is None or isinstance(controller, ControllerParameters | LinearControl):
+        return controller
+    limit = None if data is None else shown_limit(data)
+    if isinstance(controller, str):
+        return named_controller(controller, sample_rate=sample_rate_of(sample_time), current_limit=limit)
+    if isinstance(controller, LinearSystem) or hasattr(controller, "A"):
+        return designed_controller(controller, limit).at_rate(sample_rate_of(sample_time))
+    raise ParameterError(
+        f"controller: {_kind(controller)} is not allowed; allowed: ControllerParameters, LinearControl, LinearSystem, "
+        "a state-space system of python-control from position errors to currents, or a name (pd:20000,38, law.mat)"
     )
 
 

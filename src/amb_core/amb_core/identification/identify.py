@@ -24,7 +24,7 @@ from amb_core.identification.estimate.order_selection import OrderSelection, sel
 from amb_core.identification.estimate.scaled_data import check_order
 from amb_core.identification.experiment_simulation import in_experiment, simulate_experiment
 from amb_core.identification.focus.focus import focus_simulation
-from amb_core.identification.given import Data, given_loop
+from amb_core.identification.given import Controller, Data, given_controller, given_loop
 from amb_core.identification.progress import Cancelled, Progress, SearchEnd, Watch
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, Verdict, nrmse_fit, validate
@@ -174,7 +174,7 @@ def identify(
     data: Data,
     order: int | Literal["auto"] = 10,
     method: str = "pem",
-    controller: KnownController | None = None,
+    controller: Controller | None = None,
     source: str = "",
     *,
     orders: Sequence[int] | None = None,
@@ -198,9 +198,9 @@ def identify(
         Number of states; "auto" for the choice of `select_order`.
     method : str, optional
         One of `METHODS`; `pem` starts from `ssarx`.
-    controller : KnownController, optional
-        The controller of the experiment, of the PD law or any other linear one; by default that of a RecordedLoop, or
-        the paper's for data that are not `foreign`.
+    controller : KnownController, LinearSystem, control.StateSpace or str, optional
+        The controller of the experiment, of the PD law or any other linear one, or its name; by default that of a
+        RecordedLoop, or the paper's for data that are not `foreign`.
     source : str, optional
         Where the data come from, kept in the model; by default the sources of the experiments.
     orders : sequence of int, optional
@@ -235,9 +235,9 @@ def identify(
     """
     check_arguments(order, method, focus, drift)
     loop = given_loop(data)
-    data, controller = loop.data, controller or loop.controller
+    data = loop.data
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
-    controller = _controller(data, controller)
+    controller = _controller(data, given_controller(controller, data.sample_time, data) or loop.controller)
     _refuse_unsuitable(controller, focus, feedthrough)
     watch = Watch(progress, cancelled)
     watch.tell("checks", 0, 1)

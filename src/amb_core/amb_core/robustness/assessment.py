@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from amb_core.identification.given import Controller, given_controller
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import Arrays
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
 from amb_core.linear.peak import Peak, peak_gain
-from amb_core.loop.known_controller import KnownController
 from amb_core.robustness.ellipsoid import Worst
 from amb_core.robustness.feedback import Feedback, feedback_of
 from amb_core.robustness.known_band import KnownBand
@@ -145,7 +145,7 @@ class Assessment:
 
 def assess(
     model: StateSpaceModel,
-    controller: KnownController,
+    controller: Controller,
     settings: RobustnessSettings | None = None,
     uncertainty: ModelUncertainty | None = None,
 ) -> Assessment:
@@ -155,7 +155,7 @@ def assess(
     ----------
     model : StateSpaceModel
         Identified model without feedthrough.
-    controller : KnownController
+    controller : KnownController, LinearSystem, control.StateSpace or str
         The PD controller or any linear one; limits are left out.
     settings : RobustnessSettings, optional
         What is assumed; the defaults if None.
@@ -175,7 +175,8 @@ def assess(
         If model and controller do not fit together.
     """
     settings = settings or RobustnessSettings()
-    return assess_loop(feedback_of(model, controller, settings.extra_delay), settings, uncertainty)
+    law = given_controller(controller, model.sample_time)
+    return assess_loop(feedback_of(model, law, settings.extra_delay), settings, uncertainty)
 
 
 def assess_loop(

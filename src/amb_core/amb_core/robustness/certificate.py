@@ -16,11 +16,11 @@ from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import RobustnessError
 from amb_core.ground.results import Result
+from amb_core.identification.given import Controller, given_controller
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
-from amb_core.loop.known_controller import KnownController
 from amb_core.robustness.assessment import Assessment, Bounds, assess_known, assess_loop
 from amb_core.robustness.checks import (
     COVERED,
@@ -152,7 +152,7 @@ class Certificate(Result):
 
 def certify(
     model: StateSpaceModel,
-    controller: KnownController,
+    controller: Controller,
     *,
     settings: RobustnessSettings | None = None,
     validation: Validation | None = None,
@@ -169,7 +169,7 @@ def certify(
     ----------
     model : StateSpaceModel
         The identified model.
-    controller : KnownController
+    controller : KnownController, LinearSystem, control.StateSpace or str
         The controller that is to run; it may differ from that of the experiment.
     settings : RobustnessSettings, optional
         What is assumed and demanded. The defaults if None.
@@ -199,8 +199,9 @@ def certify(
         If model and controller do not fit together, or limits of zones do not rise.
     """
     settings = settings or RobustnessSettings()
+    law = given_controller(controller, model.sample_time)
     checks = [_validated(validation)]
-    feedback = feedback_of(model, controller, settings.extra_delay)
+    feedback = feedback_of(model, law, settings.extra_delay)
     assessment: Assessment | None = None
     known: KnownBand | None = None
     try:

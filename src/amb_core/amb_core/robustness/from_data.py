@@ -10,13 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments import RecordedLoop as Recorded
 from amb_core.data.experiments.checks import Severity
 from amb_core.data.experiments.drift import cure_drift
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import AmbError, RobustnessError
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.given import Data, Model, given_loop, given_model
+from amb_core.identification.given import Controller, Data, Model, given_controller, given_loop, given_model
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
 from amb_core.identification.validation.overlap import fingerprint_of
@@ -33,7 +34,7 @@ from amb_core.robustness.sweep import modes_of, sweep_remarks
 
 def certify_from_data(
     model: Model,
-    controller: KnownController | None = None,
+    controller: Controller | None = None,
     data: Data | None = None,
     validation_data: Data | None = None,
     *,
@@ -50,8 +51,8 @@ def certify_from_data(
     ----------
     model : StateSpaceModel or Identification
         The identified model, or the result of its identification.
-    controller : KnownController, optional
-        The controller to certify; it may differ from that of the experiments. By default that of the data.
+    controller : KnownController, LinearSystem, control.StateSpace or str, optional
+        The controller to certify, or its name; it may differ from that of the experiments. By default that of the data.
     data : LoopRecord, IdentificationData or RecordedLoop, optional
         What the model was identified from, for its uncertainty; by default that of an Identification. Without it
         nothing is certified. Only a RecordedLoop, which `amb_core.read` returns, knows its controller; the others are
@@ -120,7 +121,7 @@ def certify_from_data(
 
 def _given(
     model: Model,
-    law: KnownController | None,
+    controller: Controller | None,
     data: Data | None,
     validation_data: Data | None,
     uncertainty: ModelUncertainty | None,
@@ -132,14 +133,20 @@ def _given(
         used = used or Recorded(model.data, model.controller)
         uncertainty = uncertainty or model.uncertainty
     recorded = next((one.controller for one in (judged, used) if one is not None and one.controller is not None), None)
+    law = given_controller(controller, plain.sample_time)
     law = law or (None if recorded is None else recorded.at_rate(1.0 / plain.sample_time))
     if law is None:
         raise RobustnessError("no controller is given, and the data know none; give the controller to certify")
     if not isinstance(data, Recorded) and used is not None:
-        used = replace(used, controller=used.controller or law)
+        used = replace(used, controller=used.controller or _limited(controller, used.data) or law)
     if not isinstance(validation_data, Recorded) and judged is not None:
-        judged = replace(judged, controller=law)
+        judged = replace(judged, controller=_limited(controller, judged.data) or law)
     return plain, law, used, judged, uncertainty
+
+
+def _limited(controller: Controller | None, data: IdentificationData) -> KnownController | None:
+    """The given controller with the limit that data of its loop show."""
+    return given_controller(controller, data.sample_time, data)
 
 
 def require_fitting(model: StateSpaceModel, law: KnownController, settings: RobustnessSettings) -> Feedback:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from amb_core.data.analysis.bag_table import is_ours, table_of_bag
 from amb_core.data.analysis.file_recording import NO_STEPS, FileContent
 from amb_core.data.analysis.recorded_data import recorded_data
-from amb_core.data.controller_choice import NO_CONTROLLER, named_controller
+from amb_core.data.controller_choice import NO_CONTROLLER, named_controller, shown_limit
 from amb_core.data.experiments import (
     DataDescription,
     DescribedData,
@@ -150,13 +150,18 @@ def _loop(data: IdentificationData, known: DataDescription, recording: Recording
     damage = "" if recording is None else recording.truncated
     if known.controller == NO_CONTROLLER:
         return RecordedLoop(replace(data, foreign=True), None, plant, damage)
+    limit = shown_limit(data) if known.controller else None
     if recording is not None:
-        return RecordedLoop(data, recorded_controller(recording, data.sample_rate, known.controller), plant, damage)
-    named = named_controller(known.controller, sample_rate=data.sample_rate) if known.controller else None
-    return RecordedLoop(data, named)
+        controller = recorded_controller(recording, data.sample_rate, known.controller, limit)
+        return RecordedLoop(data, controller, plant, damage)
+    if not known.controller:
+        return RecordedLoop(data, None)
+    return RecordedLoop(data, named_controller(known.controller, sample_rate=data.sample_rate, current_limit=limit))
 
 
-def recorded_controller(recording: Recording, sample_rate: float, named: str = "") -> KnownController | None:
+def recorded_controller(
+    recording: Recording, sample_rate: float, named: str = "", limit: float | None = None
+) -> KnownController | None:
     """The controller that a user names, with the recorded limit of its currents; or the recorded one.
 
     Parameters
@@ -167,6 +172,8 @@ def recorded_controller(recording: Recording, sample_rate: float, named: str = "
         Sample rate of the loop (Hz).
     named : str, optional
         Name or file of a controller; empty for the recorded one.
+    limit : float, optional
+        Limit of the currents of a named one, if none was recorded (A); by default none.
 
     Returns
     -------
@@ -181,6 +188,7 @@ def recorded_controller(recording: Recording, sample_rate: float, named: str = "
     from amb_core.loop.known_controller import LinearControl  # loads a compiler
 
     if named:
-        return named_controller(named, sample_rate=sample_rate, current_limit=recording.current_limit())
+        recorded = recording.current_limit()
+        return named_controller(named, sample_rate=sample_rate, current_limit=limit if recorded is None else recorded)
     controller = recording.controller()
     return controller.at_rate(sample_rate) if isinstance(controller, LinearControl) else controller

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.file_errors import reading
-from amb_core.ground.files.regular_files import read_text
+from amb_core.ground.files.regular_files import read_text, shown
 
 Repair = Literal["none", "split", "resample"]
 LISTS = ("inputs", "outputs", "reference", "units", "topics")
@@ -87,7 +87,8 @@ class DataDescription(BaseModel):
             if first["type"] == "extra_forbidden":
                 text = f"'{where}' is not allowed; allowed: {', '.join(cls.model_fields)}"
             else:
-                text = f"'{where}' = {first['input']!r} is not allowed: {first['msg'][:1].lower()}{first['msg'][1:]}"
+                given = shown(repr(first["input"]))
+                text = f"'{where}' = {given} is not allowed: {first['msg'][:1].lower()}{first['msg'][1:]}"
             raise IdentificationError(text) from None
 
     @classmethod

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.results import Result
-from amb_core.identification.given import Data, Model, given_loop
+from amb_core.identification.given import Controller, Data, Model, given_loop
 from amb_core.identification.validation.validate import validate
 from amb_core.identification.validation.validation import Validation
 from amb_core.identification.validation.verdict import Verdict
-from amb_core.loop.known_controller import KnownController
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,7 +40,7 @@ class Comparison(Result):
         return [*((name, item.summary) for name, item in self.validations.items()), *self.refused.items()]
 
 
-def compare(models: Mapping[str, Model], data: Data, controller: KnownController | None = None) -> Comparison:
+def compare(models: Mapping[str, Model], data: Data, controller: Controller | None = None) -> Comparison:
     """Validate models on the same data, ideally on data that none was identified from.
 
     Parameters
@@ -50,7 +49,7 @@ def compare(models: Mapping[str, Model], data: Data, controller: KnownController
         By name.
     data : LoopRecord, IdentificationData or RecordedLoop
         As for `validate`.
-    controller : KnownController, optional
+    controller : KnownController, LinearSystem, control.StateSpace or str, optional
         The controller of the experiments; None for that of a RecordedLoop. Without any the closed loop is left out.
 
     Returns

@@ -15,7 +15,7 @@ from amb_core.data.experiments.checks import check_recording, evidence_of
 from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.controller_check import NOT_CHECKED, check_controller
-from amb_core.identification.given import Data, Model, given_loop, given_model
+from amb_core.identification.given import Controller, Data, Model, given_controller, given_loop, given_model
 from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import effects_of, find_deviations
@@ -42,7 +42,7 @@ HORIZONS = (1, 5, 20, 100)
 def validate(
     model: Model,
     data: Data,
-    controller: KnownController | None = None,
+    controller: Controller | None = None,
     *,
     uncertainty: ModelUncertainty | None = None,
     plant: PlantParameters | None = None,
@@ -58,8 +58,9 @@ def validate(
         The model, or the result of its identification; its predictor must be stable.
     data : LoopRecord, IdentificationData or RecordedLoop
         Data with the model's signals and sample time; the last is what `amb_core.read` returns.
-    controller : KnownController, optional
-        The controller of the experiments; by default that of a RecordedLoop. Without it the closed loop is left out.
+    controller : KnownController, LinearSystem, control.StateSpace or str, optional
+        The controller of the experiments, or its name; by default that of a RecordedLoop. Without it the closed loop is
+        left out.
     uncertainty : ModelUncertainty, optional
         Uncertainty of the model, for its frequency response; by default that of an Identification.
     plant : PlantParameters, optional
@@ -85,9 +86,10 @@ def validate(
     model = given_model(model)
     if not isinstance(identified, StateSpaceModel):
         uncertainty, search = uncertainty or identified.uncertainty, search or identified.search
-    controller, plant = controller or loop.controller, plant or loop.plant
+    law = given_controller(controller, loop.data.sample_time, loop.data) or loop.controller
+    plant = plant or loop.plant
     return _validate(
-        model, loop.data, controller, uncertainty=uncertainty, plant=plant, search=search, horizons=horizons, lags=lags
+        model, loop.data, law, uncertainty=uncertainty, plant=plant, search=search, horizons=horizons, lags=lags
     )
 
 
