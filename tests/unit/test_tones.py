@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from amb_core.data.experiments import IdentificationData
+from amb_core.data.analysis import evidence_of_run
+from amb_core.data.analysis.reading import read_recording
+from amb_core.data.experiments import IdentificationData, write_data
 from amb_core.data.experiments.checks import evidence_of
 from amb_core.data.experiments.tones import cure_tones, without_unanswered
 from amb_core.identification import identify, validate
 from amb_core.identification.validation.verdict import Verdict
 from amb_core.loop.control import ControllerParameters
+from amb_core.loop.records import LoopRecord
+from amb_core.recording import BagWriter, Recording
 from amb_core.robustness.error_band import error_band
 from amb_core.robustness.feedback import feedback_of
+from tests.bag_messages import TELEMETRY, definition, telemetry
 from tests.benchmarks.robust.misfit_plants import draw
 
 BAND = {"amplitude": 5e-6, "frequency_start": 2.0, "frequency_end": 2_000.0, "axes": "all"}
@@ -70,6 +76,26 @@ def test_they_are_no_distortion(turning) -> None:
     evidence = evidence_of(turning)
     assert evidence.coherence is not None
     assert np.max(evidence.coherence.ratio) < 0.3
+
+
+def test_every_answer_on_distortion_leaves_them_out_and_says_so(turning, tmp_path) -> None:
+    write_data(turning, tmp_path / "turning.csv")
+    file, _ = read_recording(tmp_path / "turning.csv")
+    bag = Recording.read(written_bag(tmp_path / "bag", turning.record()))
+    checked = evidence_of(turning)
+    for evidence in (checked, evidence_of_run(file), evidence_of_run(bag)):
+        assert evidence.tones == pytest.approx([97.3], abs=0.01)
+        assert evidence.coherence is not None
+        assert evidence.coherence.ratio == pytest.approx(checked.coherence.ratio, rel=0.05)
+        assert any("left out: 97.3 Hz" in line for line in evidence.lines)
+
+
+def written_bag(folder: Path, record: LoopRecord) -> Path:
+    """A bag with one message of telemetry."""
+    with BagWriter(folder) as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        bag.write("/amb/telemetry", telemetry(record), 0)
+    return folder
 
 
 def with_tone(data: IdentificationData, frequency: float, growth: float = 0.0) -> IdentificationData:

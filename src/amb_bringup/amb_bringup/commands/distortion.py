@@ -95,6 +95,8 @@ def _measure(console: Console, files: DataOptions, path: Path, chosen: tuple[int
     if evidence.coherence is not None:
         console.print(_coherence_table(evidence.coherence))
         coherence_chart(evidence.coherence).save(out, "coherence")
+    if evidence.tones:
+        console.print(evidence.lines[-1])
     write_json(out / "summary.json", {"recording": str(path), **evidence.as_dict()})
     console.print(f"summary.json, figures: {out}")
 

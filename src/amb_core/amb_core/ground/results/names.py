@@ -89,6 +89,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "frequency": ("Hz", "frequency"),
     "phase": ("rad", "phase"),
     "product": ("-", "orders of the tones that make a line"),
+    "tones": ("Hz", "tones that the reference lacks, as of an unbalance, which were left out"),
     "folds": ("-", "how often a line is folded at the Nyquist frequency"),
     "bias": ("m", "shift of the mean position"),
     "bias_shift": ("m", "shift of the mean position by axis"),

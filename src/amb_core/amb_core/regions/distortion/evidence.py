@@ -30,12 +30,15 @@ class Evidence:
         Why there is no distortion, and what is needed; empty if there is.
     coherence_problem : str
         Why there is no coherence; empty if there is.
+    tones : tuple of float
+        Frequencies of tones that the reference lacks, as of an unbalance (Hz): they were left out.
     """
 
     distortion: Distortion | None
     coherence: Coherence | None
     problem: str = ""
     coherence_problem: str = ""
+    tones: tuple[float, ...] = ()
 
     @property
     def measured(self) -> bool:
@@ -59,6 +62,9 @@ class Evidence:
             texts.append(f"distortion not measured: {self.problem}")
         if self.distortion is None and self.coherence is None:
             texts.append(self.coherence_problem)
+        if self.tones:
+            shown = ", ".join(f"{frequency:.4g}" for frequency in self.tones)
+            texts.append(f"tones that the reference lacks, as of an unbalance, are left out: {shown} Hz")
         return tuple(texts)
 
     @property
@@ -91,6 +97,7 @@ class Evidence:
             "coherence": self.coherence and self.coherence.as_dict(),
             "problem": self.problem,
             "coherence_problem": self.coherence_problem,
+            "tones": list(self.tones),
         }
 
 

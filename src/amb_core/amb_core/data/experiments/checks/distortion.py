@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from amb_core.data.experiments.checks.report import Finding, Severity
 from amb_core.data.experiments.dataset import IdentificationData
-from amb_core.data.experiments.tones import without_unanswered
+from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.regions.distortion import Evidence, find_evidence
 
@@ -33,7 +35,8 @@ def evidence_of(data: IdentificationData, *, cured: bool = False) -> Evidence:
     Evidence
         Both measures, or the reason why one is missing.
     """
-    data = data if cured else without_unanswered(data)
+    cure = None if cured else cure_tones(data)
+    data = data if cure is None else cure.data
     try:
         records = [data.record(index) for index, item in enumerate(data.experiments) if item.reference is not None]
     except IdentificationError as problem:
@@ -41,7 +44,7 @@ def evidence_of(data: IdentificationData, *, cured: bool = False) -> Evidence:
     if not records:
         missing = "the data have no reference, which distortion is measured from"
         return Evidence(None, None, missing, missing)
-    return find_evidence(records)
+    return replace(find_evidence(records), tones=() if cure is None else cure.frequencies)
 
 
 def check_distortion(data: IdentificationData) -> Finding:
