@@ -9,6 +9,8 @@ from scipy.linalg import solve_discrete_are
 from scipy.signal import cont2discrete
 
 from amb_core.identification import StateSpaceModel
+from amb_core.linear import LinearSystem
+from amb_core.loop.controller_files import controller_from
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.linear_control import LinearController, LinearControllerParameters
 from amb_core.loop.records import LoopRecord, axis_names
@@ -144,3 +146,15 @@ def with_integrators(controller: StateSpaceModel, gain: float = 20.0) -> StateSp
         k=none((controller.order + axes, axes)),
         initial_state=none(controller.order + axes),
     )
+
+
+def pid(axes: int) -> StateSpaceModel:
+    """A PID controller of the errors with a filtered derivative, each axis by itself."""
+    gain, integral, derivative, keep = 13e3, 0.2, 2.5e-3, 0.5  # A/m, s, s, -
+    rate = (1.0 - keep) * derivative / SAMPLE_TIME
+    a = np.array([[1.0, 0.0, 0.0], [0.0, keep, -rate], [0.0, 0.0, 0.0]])
+    b = np.array([[SAMPLE_TIME / integral], [rate], [1.0]])
+    c, d = np.array([[1.0, keep, -rate]]), np.array([[1.0 + SAMPLE_TIME / integral + rate]])
+    each = np.eye(axes)
+    matrices = (np.kron(each, part) for part in (a, b, gain * c, gain * d))
+    return controller_from(LinearSystem(*matrices, SAMPLE_TIME))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,11 @@ from amb_core.ground.errors import IdentificationError
 from amb_core.identification import IdentificationData, identify, validate
 from amb_core.identification.controller_check import check_controller
 from amb_core.loop.control import ControllerParameters
+from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.linear_control import LinearControllerParameters, with_anti_windup
 from tests.benchmarks.verdicts.controllers import WORDS, draw, named
 from tests.benchmarks.verdicts.drawn_loops import draw_record
+from tests.lqg_loop import linear_law, pid, rotor
 
 
 @pytest.mark.parametrize("kind", WORDS)
@@ -61,3 +66,13 @@ def test_the_derivative_of_named_gains_can_be_chosen() -> None:
     assert "pd:K_P,K_D,measurement" in ALLOWED
     with pytest.raises(IdentificationError, match="the signal that is derived"):
         named_controller("pd:20000")
+
+
+@pytest.mark.parametrize(("factor", "words"), [(-1.0, "with the sign of i_x reversed"), (1.1, "with other gains: i_x")])
+def test_the_state_of_an_integrator_is_no_constant_in_the_currents(factor: float, words: str) -> None:
+    law = pid(1)
+    record = rotor(1).record(linear_law(with_anti_windup(law), 1), 4_000)
+    wrong = LinearControl(replace(law, c=factor * law.c, d=factor * law.d), LinearControllerParameters())
+    finding = check_controller(IdentificationData.from_record(record), wrong)
+    assert finding.severity is Severity.WARNING
+    assert words in finding.what and "constant" not in finding.what

@@ -35,6 +35,7 @@ _WINDOW = 2_000  # of them for a law with a state, which is found from them
 _BELOW = 0.99  # of the limit: measured currents stay a little below it
 _TOPS = 3  # samples at the largest magnitude that make it a limit
 _GROWTH = 1e6  # largest growth of an unstable law over the window
+_STILL = 1e-9  # of its size: a column that varies less is constant
 
 Arrays = NDArray[np.float64]
 
@@ -260,15 +261,18 @@ def _best_sources(
                 gains[axis, other] = 1.0
                 continue
             part = columns[other][used]
-            centre = part.mean(axis=0)
-            scale = np.maximum(np.abs(part - centre).max(axis=0), np.finfo(float).tiny)
+            centre, size = part.mean(axis=0), np.abs(part).max(axis=0)
+            varied = np.abs(part - centre).max(axis=0)
+            still = varied <= _STILL * size  # as the state of an integrator shows, which any constant is like
+            scale = np.where(still, np.inf, varied)
             solution = np.linalg.lstsq((part - centre) / scale, current - mean, rcond=1e-13)[0] / scale
             rest = current - mean - (part - centre) @ solution
             left[axis, other] = float(np.sqrt(np.mean(rest**2))) / moved
             known = np.where(given[other] == 0.0, 1.0, given[other])
             gains[axis, other] = solution[:gains_each] / known
             constant = mean - float(centre @ solution)
-            offset[axis, other] = constant if abs(constant) > FOREIGN * moved else 0.0
+            added = abs(constant) > FOREIGN * moved and not np.any(still & (size > 0.0))
+            offset[axis, other] = constant if added else 0.0
         own = left[axis, axis] <= max(_ALIKE * left[axis].min(), 1e-9)
         source.append(axis if own else int(np.argmin(left[axis])))
     chosen = (range(axes), source)
