@@ -22,7 +22,7 @@ from amb_core.ground.errors import AmbError, BagError, IdentificationError, Para
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS
 from amb_core.ground.parameters import Parameters, part_of
 from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
-from amb_core.loop.known_controller import KnownController
+from amb_core.loop.known_controller import KnownController, limited
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.state_space_model import model_from_message
@@ -109,9 +109,10 @@ class LoopSources:
 
     def named_controller(self, name: str, data: IdentificationData | None) -> KnownController:
         """The controller named in a request, with the sample rate of its data and the limit that they show."""
-        sample_rate, limit = (None, None) if data is None else (data.sample_rate, shown_limit(data))
+        sample_rate = None if data is None else data.sample_rate
         if is_named_set(name):
-            return named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate, limit)
+            named = named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate)
+            return named if data is None else limited(named, shown_limit(data))
         controller = self._controller_of(name)
         return controller if sample_rate is None else controller.at_rate(sample_rate)
 

@@ -18,7 +18,7 @@ from amb_core.ground.errors import ParameterError
 from amb_core.linear import LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.known_controller import UNLIMITED, LinearControl
 from amb_core.loop.linear_control import LinearController, pd_as_linear
 from tests.lqg_loop import linear_law, rotor
 
@@ -151,9 +151,11 @@ def test_the_currents_show_the_limit_that_a_file_does_not_hold(tmp_path: Path, l
     content = {"A": law.a, "B": law.b, "C": law.c, "D": law.d, "Ts": law.sample_time}
     controller = str(written(tmp_path, ".mat", content))
     data, other = loop_of(law, limit)
+    assert LinearControl.load(controller).current_limit == UNLIMITED
     assert shown_limit(data) == (None if limit == 100.0 else limit)
-    result = amb.identify(data, 6, "ssarx", controller)
-    assert result.controller.current_limit == limit
+    for given in (controller, LinearControl.load(controller), control.ss(law.a, law.b, law.c, law.d, law.sample_time)):
+        result = amb.identify(data, 6, "ssarx", given)
+        assert result.controller.current_limit == limit
     assert np.all(amb.validate(result, other, controller).fit > 98.0)
     file = tmp_path / "data.csv"
     write_data(data, file)

@@ -14,7 +14,7 @@ import amb_core as amb
 from amb_core.data.experiments import RecordedLoop
 from amb_core.ground.errors import AmbError, IdentificationError
 from amb_core.loop.control import ControllerParameters, PdController
-from amb_core.loop.known_controller import LinearControl
+from amb_core.loop.known_controller import LinearControl, limited
 from amb_core.loop.linear_control import linear_law
 from amb_core.loop.records import LoopRecord
 from amb_core.robustness import RobustnessSettings, assess
@@ -119,7 +119,7 @@ def test_a_controller_may_be_a_design_or_a_name(identification, other: LoopRecor
     assert amb.validate(identification.model, data, name).fit == pytest.approx(expected, abs=1e-6)
     assert assess(identification.model, DESIGN).mu.upper == pytest.approx(assess(identification.model, PD).mu.upper)
     identified = amb.identify(data, order=2, method="ssarx", controller=DESIGN)
-    assert identified.closed_loop_poles is not None and identified.controller == LinearControl.of(DESIGN)
+    assert identified.closed_loop_poles is not None and identified.controller == limited(LinearControl.of(DESIGN), 3.0)
 
 
 def test_another_controller_is_one_clear_error(identification, loop: RecordedLoop) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,19 +11,14 @@ from amb_core.data.experiments.checks.samples import cut_samples
 from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.ground.files.parameter_files import ParameterFile
 from amb_core.ground.parameters import declarations, load_parameters, part_of, validate
-from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.known_controller import ControllerFileParameters, KnownController, LinearControl
+from amb_core.loop.known_controller import UNLIMITED, ControllerFileParameters, KnownController, LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
-
-if TYPE_CHECKING:
-    import control
 
 PAPER = "paper"
 NO_CONTROLLER = "none"
 """Name that stands for no controller: the closed loop is left out."""
 PD = "pd:"
-_UNLIMITED = 100.0  # A; for a law whose limit is not known
 _FEWEST_CUT = 3  # currents at a limit
 CONTROLLER_NODE, LINEAR_CONTROLLER_NODE = "pd_controller", "state_space_controller"
 _PARAMETER_FILES = (".yaml", ".yml")
@@ -46,9 +40,10 @@ def named_controller(
     name: str,
     node: str = CONTROLLER_NODE,
     sample_rate: float | None = None,
-    current_limit: float | None = None,
 ) -> KnownController:
     """The controller that a user names.
+
+    Neither gains nor the file of a state-space controller hold a limit of the currents; see `limited`.
 
     Parameters
     ----------
@@ -61,9 +56,6 @@ def named_controller(
         Name of the PD controller's section in a parameter file.
     sample_rate : float, optional
         That of the data (Hz); by default 10 kHz, or that of the simulator in the file.
-    current_limit : float, optional
-        Limit of the currents (A), which neither gains nor the file of a state-space controller hold, see `shown_limit`;
-        by default none.
 
     Raises
     ------
@@ -74,28 +66,15 @@ def named_controller(
     """
     if not is_named_set(name):
         raise IdentificationError(f"controller = {name!r} is not allowed; allowed: {ALLOWED}")
-    limit = _UNLIMITED if current_limit is None else current_limit
     if name == PAPER:
         controller: KnownController = ControllerParameters()
     elif name.startswith(PD):
-        controller = _of_gains(name, limit)
+        controller = _of_gains(name)
     elif name.lower().endswith(_CONTROLLER_FILES):
-        controller = LinearControl.load(name, LinearControllerParameters(current_limit=limit))
+        controller = LinearControl.load(name)
     else:
         controller = _linear_of(name, node) or load_parameters(ControllerParameters, name, node, part=True)
     return controller if sample_rate is None else controller.at_rate(sample_rate)
-
-
-def designed_controller(system: LinearSystem | control.StateSpace, current_limit: float | None = None) -> LinearControl:
-    """A design of Python as a controller, with a limit (A) as for `named_controller`.
-
-    Raises
-    ------
-    ParameterError
-        If it is no linear system of discrete time.
-    """
-    limit = _UNLIMITED if current_limit is None else current_limit
-    return LinearControl.of(system, LinearControllerParameters(current_limit=limit))
 
 
 def shown_limit(data: IdentificationData) -> float | None:
@@ -118,10 +97,10 @@ def shown_limit(data: IdentificationData) -> float | None:
     at_limit = np.abs(currents) >= largest * (1.0 - 1e-9)
     columns = np.flatnonzero(at_limit.sum(axis=0) >= _FEWEST_CUT)
     cut = any(np.any(cut_samples(currents[:, column]) & at_limit[:, column]) for column in columns)
-    return largest if cut and 0.0 < largest <= _UNLIMITED else None
+    return largest if cut and 0.0 < largest < UNLIMITED else None
 
 
-def _of_gains(name: str, current_limit: float) -> ControllerParameters:
+def _of_gains(name: str) -> ControllerParameters:
     """The PD controller `pd:K_P,K_D` or `pd:K_P,K_D,SIGNAL`: error, which is the default, or measurement."""
     words = name.removeprefix(PD).split(",")
     try:
@@ -134,7 +113,7 @@ def _of_gains(name: str, current_limit: float) -> ControllerParameters:
     derived = {"derivative_on": words[2]} if len(words) == 3 else {}
     if len(words) > 3:
         raise IdentificationError(f"controller = {name!r} is not allowed; it must be such as {PD}20000,38,measurement")
-    return validate(ControllerParameters, {**gains, **derived, "current_limit": current_limit})
+    return validate(ControllerParameters, {**gains, **derived, "current_limit": UNLIMITED})
 
 
 def _linear_of(path: str, node: str) -> LinearControl | None:

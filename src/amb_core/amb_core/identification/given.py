@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, TypeAlias, overload
 
-from amb_core.data.controller_choice import designed_controller, named_controller, shown_limit
+from amb_core.data.controller_choice import named_controller, shown_limit
 from amb_core.data.experiments import IdentificationData, RecordedLoop
 from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.state_space import StateSpaceModel
-from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.known_controller import KnownController, LinearControl, limited
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
@@ -108,20 +108,26 @@ def given_controller(
     sample_time : float
         That of the data or of the model (s), for which one that is named or designed has to be made.
     data : IdentificationData, optional
-        Data of its loop, which show a limit that a name or design does not hold; by default it has none.
+        Data of its loop, which show a limit of the currents that is not known otherwise; by default there is none.
 
     Raises
     ------
     IdentificationError, ParameterError
         If it is something else, cannot be read, or is made for another sample time.
     """
-    if controller is None or isinstance(controller, ControllerParameters | LinearControl):
+    if controller is None:
+        return None
+    law = _known(controller, sample_rate_of(sample_time))
+    return law if data is None else limited(law, shown_limit(data))
+
+
+def _known(controller: Controller, sample_rate: float) -> KnownController:
+    if isinstance(controller, ControllerParameters | LinearControl):
         return controller
-    limit = None if data is None else shown_limit(data)
     if isinstance(controller, str):
-        return named_controller(controller, sample_rate=sample_rate_of(sample_time), current_limit=limit)
+        return named_controller(controller, sample_rate=sample_rate)
     if isinstance(controller, LinearSystem) or hasattr(controller, "A"):
-        return designed_controller(controller, limit).at_rate(sample_rate_of(sample_time))
+        return LinearControl.of(controller).at_rate(sample_rate)
     raise ParameterError(
         f"controller: {_kind(controller)} is not allowed; allowed: ControllerParameters, LinearControl, LinearSystem, "
         "a state-space system of python-control from position errors to currents, or a name (pd:20000,38, law.mat)"

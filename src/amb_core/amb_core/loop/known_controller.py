@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,8 @@ from amb_core.loop.records import sample_rate_of
 if TYPE_CHECKING:
     import control
 
+UNLIMITED = 100.0
+"""Limit of the currents of a law whose limit is not known (A): the largest that is allowed."""
 _MATRICES = ("a", "b", "c", "d", "k", "input_offset", "output_offset")
 
 
@@ -58,7 +60,7 @@ class LinearControl:
 
     @classmethod
     def load(cls, path: str | Path, parameters: LinearControllerParameters | None = None) -> LinearControl:
-        """From a file, see `load_controller`; by default with the default limit.
+        """From a file, see `load_controller`; by default without limit.
 
         Raises
         ------
@@ -66,7 +68,7 @@ class LinearControl:
             If the file cannot be read or does not hold a controller.
         """
         try:
-            return cls(load_controller(path), parameters or LinearControllerParameters())
+            return cls(load_controller(path), parameters or LinearControllerParameters(current_limit=UNLIMITED))
         except AmbError as problem:
             raise ParameterError(f"controller {problem}") from None
 
@@ -74,14 +76,14 @@ class LinearControl:
     def of(
         cls, system: LinearSystem | control.StateSpace, parameters: LinearControllerParameters | None = None
     ) -> LinearControl:
-        """From a controller that was designed in Python, see `controller_from`; by default with the default limit.
+        """From a controller that was designed in Python, see `controller_from`; by default without limit.
 
         Raises
         ------
         ParameterError
             If it is no linear system of discrete time.
         """
-        return cls(controller_from(system), parameters or LinearControllerParameters())
+        return cls(controller_from(system), parameters or LinearControllerParameters(current_limit=UNLIMITED))
 
     @cached_property
     def sample_rate(self) -> float:
@@ -127,3 +129,13 @@ class LinearControl:
 
 KnownController = ControllerParameters | LinearControl
 """Either kind."""
+
+
+def limited(controller: KnownController, current_limit: float | None) -> KnownController:
+    """A controller with a limit (A), if there is one and its own is not known."""
+    if current_limit is None or controller.current_limit < UNLIMITED:
+        return controller
+    if isinstance(controller, LinearControl):
+        parameters = controller.parameters.model_copy(update={"current_limit": current_limit})
+        return replace(controller, parameters=parameters)
+    return controller.model_copy(update={"current_limit": current_limit})

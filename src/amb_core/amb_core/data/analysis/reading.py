@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from amb_core.data.analysis.bag_table import is_ours, table_of_bag
 from amb_core.data.analysis.file_recording import NO_STEPS, FileContent
@@ -25,10 +25,8 @@ from amb_core.data.tables import ENDINGS, load_content, table_of
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import is_folder
+from amb_core.loop.known_controller import KnownController, LinearControl, limited
 from amb_core.recording import Recording
-
-if TYPE_CHECKING:
-    from amb_core.loop.known_controller import KnownController
 
 _SIGNALS = ("inputs", "outputs", "reference", "topics", "time", "variable")
 
@@ -156,7 +154,7 @@ def _loop(data: IdentificationData, known: DataDescription, recording: Recording
         return RecordedLoop(data, controller, plant, damage)
     if not known.controller:
         return RecordedLoop(data, None)
-    return RecordedLoop(data, named_controller(known.controller, sample_rate=data.sample_rate, current_limit=limit))
+    return RecordedLoop(data, limited(named_controller(known.controller, sample_rate=data.sample_rate), limit))
 
 
 def recorded_controller(
@@ -185,10 +183,8 @@ def recorded_controller(
     BagError, IdentificationError, ParameterError
         If it is not available, or for another sample rate (Hz).
     """
-    from amb_core.loop.known_controller import LinearControl  # loads a compiler
-
     if named:
         recorded = recording.current_limit()
-        return named_controller(named, sample_rate=sample_rate, current_limit=limit if recorded is None else recorded)
+        return limited(named_controller(named, sample_rate=sample_rate), limit if recorded is None else recorded)
     controller = recording.controller()
     return controller.at_rate(sample_rate) if isinstance(controller, LinearControl) else controller
