@@ -76,3 +76,11 @@ def test_the_state_of_an_integrator_is_no_constant_in_the_currents(factor: float
     finding = check_controller(IdentificationData.from_record(record), wrong)
     assert finding.severity is Severity.WARNING
     assert words in finding.what and "constant" not in finding.what
+
+
+def test_a_law_without_a_limit_is_not_accused_of_that_of_the_currents() -> None:
+    law = with_anti_windup(pid(2))
+    record = rotor(2).record(linear_law(law, 2, limit=1.0), 8_000, amplitude=10e-6)
+    assert np.abs(record.current).max() == 1.0
+    finding = check_controller(IdentificationData.from_record(record), LinearControl.of(law))
+    assert finding.what == "it computes the recorded currents from the recorded positions"
