@@ -15,14 +15,14 @@ from amb_core.data.controller_choice import (
     is_named_set,
     named_controller,
     needs_controller,
-    shown_limit,
+    with_shown_limit,
 )
 from amb_core.data.experiments import DataDescription, IdentificationData
 from amb_core.ground.errors import AmbError, BagError, IdentificationError, ParameterError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS
 from amb_core.ground.parameters import Parameters, part_of
 from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
-from amb_core.loop.known_controller import KnownController, limited
+from amb_core.loop.known_controller import KnownController
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.recording.messages.state_space_model import model_from_message
@@ -112,7 +112,7 @@ class LoopSources:
         sample_rate = None if data is None else data.sample_rate
         if is_named_set(name):
             named = named_controller(name, self._controller.rsplit("/", 1)[-1], sample_rate)
-            return named if data is None else limited(named, shown_limit(data))
+            return named if data is None else with_shown_limit(named, data)
         controller = self._controller_of(name)
         return controller if sample_rate is None else controller.at_rate(sample_rate)
 

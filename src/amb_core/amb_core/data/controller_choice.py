@@ -12,7 +12,7 @@ from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.ground.files.parameter_files import ParameterFile
 from amb_core.ground.parameters import declarations, load_parameters, part_of, validate
 from amb_core.loop.control import ControllerParameters
-from amb_core.loop.known_controller import UNLIMITED, ControllerFileParameters, KnownController, LinearControl
+from amb_core.loop.known_controller import UNLIMITED, ControllerFileParameters, KnownController, LinearControl, limited
 from amb_core.loop.linear_control import LinearControllerParameters
 
 PAPER = "paper"
@@ -75,6 +75,11 @@ def named_controller(
     else:
         controller = _linear_of(name, node) or load_parameters(ControllerParameters, name, node, part=True)
     return controller if sample_rate is None else controller.at_rate(sample_rate)
+
+
+def with_shown_limit(controller: KnownController, data: IdentificationData) -> KnownController:
+    """A controller of data; if its limit is not known, with the one that their currents show."""
+    return limited(controller, shown_limit(data)) if controller.current_limit >= UNLIMITED else controller
 
 
 def shown_limit(data: IdentificationData) -> float | None:

@@ -13,12 +13,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.data.controller_choice import shown_limit
+from amb_core.data.controller_choice import with_shown_limit
 from amb_core.data.experiments import Finding, IdentificationData, Severity
 from amb_core.ground.errors import AmbError
 from amb_core.identification.controller_trials import FOREIGN, SAME_GAIN, SAMPLES, Trial, given_shares, liveliest, named
 from amb_core.loop.control import ControllerParameters, pack_gains
-from amb_core.loop.known_controller import KnownController, LinearControl, limited
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.records import LoopRecord
 
 NOT_CHECKED = "not checked"
@@ -51,7 +51,7 @@ def check_controller(data: IdentificationData, controller: KnownController | Non
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
         return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: the data have no reference")
-    controller = limited(controller, shown_limit(data))
+    controller = with_shown_limit(controller, data)
     compared = []
     for index in known:
         try:

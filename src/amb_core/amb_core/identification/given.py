@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, TypeAlias, overload
 
-from amb_core.data.controller_choice import named_controller, shown_limit
+from amb_core.data.controller_choice import named_controller, with_shown_limit
 from amb_core.data.experiments import IdentificationData, RecordedLoop
 from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.state_space import StateSpaceModel
-from amb_core.loop.known_controller import KnownController, LinearControl, limited
+from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
@@ -118,7 +118,7 @@ def given_controller(
     if controller is None:
         return None
     law = _known(controller, sample_rate_of(sample_time))
-    return law if data is None else limited(law, shown_limit(data))
+    return law if data is None else with_shown_limit(law, data)
 
 
 def _known(controller: Controller, sample_rate: float) -> KnownController:

@@ -12,7 +12,7 @@ from typing import Any
 from amb_core.data.analysis.bag_table import is_ours, table_of_bag
 from amb_core.data.analysis.file_recording import NO_STEPS, FileContent
 from amb_core.data.analysis.recorded_data import recorded_data
-from amb_core.data.controller_choice import NO_CONTROLLER, named_controller, shown_limit
+from amb_core.data.controller_choice import NO_CONTROLLER, named_controller, with_shown_limit
 from amb_core.data.experiments import (
     DataDescription,
     DescribedData,
@@ -148,18 +148,14 @@ def _loop(data: IdentificationData, known: DataDescription, recording: Recording
     damage = "" if recording is None else recording.truncated
     if known.controller == NO_CONTROLLER:
         return RecordedLoop(replace(data, foreign=True), None, plant, damage)
-    limit = shown_limit(data) if known.controller else None
     if recording is not None:
-        controller = recorded_controller(recording, data.sample_rate, known.controller, limit)
-        return RecordedLoop(data, controller, plant, damage)
-    if not known.controller:
-        return RecordedLoop(data, None)
-    return RecordedLoop(data, limited(named_controller(known.controller, sample_rate=data.sample_rate), limit))
+        controller = recorded_controller(recording, data.sample_rate, known.controller)
+    else:
+        controller = named_controller(known.controller, sample_rate=data.sample_rate) if known.controller else None
+    return RecordedLoop(data, controller and with_shown_limit(controller, data), plant, damage)
 
 
-def recorded_controller(
-    recording: Recording, sample_rate: float, named: str = "", limit: float | None = None
-) -> KnownController | None:
+def recorded_controller(recording: Recording, sample_rate: float, named: str = "") -> KnownController | None:
     """The controller that a user names, with the recorded limit of its currents; or the recorded one.
 
     Parameters
@@ -170,8 +166,6 @@ def recorded_controller(
         Sample rate of the loop (Hz).
     named : str, optional
         Name or file of a controller; empty for the recorded one.
-    limit : float, optional
-        Limit of the currents of a named one, if none was recorded (A); by default none.
 
     Returns
     -------
@@ -184,7 +178,6 @@ def recorded_controller(
         If it is not available, or for another sample rate (Hz).
     """
     if named:
-        recorded = recording.current_limit()
-        return limited(named_controller(named, sample_rate=sample_rate), limit if recorded is None else recorded)
+        return limited(named_controller(named, sample_rate=sample_rate), recording.current_limit())
     controller = recording.controller()
     return controller.at_rate(sample_rate) if isinstance(controller, LinearControl) else controller
