@@ -169,7 +169,10 @@ def link(samples: int = 100_000) -> dict[str, Any]:
         upload = time.monotonic() - began
         step = connection.status().step + 2_000
         arm(step)
-        time.sleep(1e-4 * samples + 0.5)
+        while (status := connection.status()).step < step + samples + 200:  # by the target's clock, which may run late
+            if status.state is not TargetState.LEVITATED:
+                raise RuntimeError(f"the target does not levitate any more; it is {status}")
+            time.sleep(0.1)
         emulator.configure(FaultParameters())
         time.sleep(1.0)
         wanted = connection.status().step
