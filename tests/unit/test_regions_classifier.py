@@ -118,8 +118,41 @@ def test_another_sample_time_is_refused() -> None:
 
 
 def test_an_update_interval_needs_ten_samples() -> None:
+    assert RegionParameters().for_sample_time(1e-3) == RegionParameters()
     with pytest.raises(RegionError, match="must hold at least 10 samples"):
         RegionClassifier(RegionParameters(update_interval=0.002), 1e-3)
+
+
+def test_below_1_khz_the_defaults_are_those_of_a_slower_loop() -> None:
+    used = RegionClassifier(RegionParameters(drift_threshold=1e-5), 4e-3).parameters
+    assert used == RegionParameters(
+        update_interval=0.04,
+        settling_time=0.4,
+        trend_window=0.96,
+        oscillation_window=0.8,
+        hold_time=0.8,
+        slow_frequency=37.5,
+        drift_threshold=1e-5,
+    )
+    assert used.for_sample_time(4e-3) == used
+    with pytest.raises(ParameterError, match="oscillation_window"):
+        RegionClassifier(RegionParameters(oscillation_window=0.25), 4e-3)
+    with pytest.raises(RegionError, match="not classified at 50 Hz; the sample rate must be at least 100 Hz"):
+        RegionClassifier(RegionParameters(), 0.02)
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e-5])
+def test_a_slow_loop_drifts_at_its_own_time_scale(shift: float) -> None:
+    """At 250 Hz the same samples as at 1 kHz are the same regions, in times that are four times as long."""
+    time = np.arange(8_000) * 1e-3
+    reference = np.column_stack([2e-5 * np.sign(np.sin(2.0 * np.pi * 7.3 * time)), np.zeros_like(time)])
+    position = reference + np.column_stack([shift * (time > 4.0) * (time - 4.0), np.zeros_like(time)])
+    fast, slow = (
+        RegionClassifier(RegionParameters(), period).feed(LoopRecord(0, period, reference, position, 0.0 * position))
+        for period in (1e-3, 4e-3)
+    )
+    assert [(state.step, state.region) for state in slow] == [(state.step, state.region) for state in fast]
+    assert (max(state.region.name for state in slow) == "B") == (shift > 0.0)
 
 
 @pytest.mark.parametrize("values", [{"slow_frequency": 200.0}, {"slow_frequency": 20.0}])

@@ -120,6 +120,12 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         what = "missing" if classified.gaps == classified.missing else "missing or not finite"
         console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(summary))
+    if classified.longer > 1.0:
+        used, rate = classified.parameters, 1.0 / classified.record.sample_time
+        console.print(
+            f"at {rate:.5g} Hz the classification takes {classified.longer:.3g} times as long: every "
+            f"{used.update_interval:.3g} s, with slow oscillations up to {used.slow_frequency:.3g} Hz"
+        )
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
         console.print(f"the input beats with the sample rate from {start:.2f} to {stop:.2f} s{at}")

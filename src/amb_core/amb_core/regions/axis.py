@@ -12,8 +12,8 @@ from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import InputKind
 from amb_core.regions.oscillation import SlowOscillation
-from amb_core.regions.parameters import RegionParameters
-from amb_core.regions.slow_signal import HARMONICS, INAUDIBLE, PER_INTERVAL, TAPS, fit_window
+from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
+from amb_core.regions.slow_signal import HARMONICS, INAUDIBLE, TAPS, fit_window
 from amb_core.regions.state import Onset
 from amb_core.regions.steady_lines import SAME, SteadyLines, find_lines
 from amb_core.regions.trend import TrendTest

@@ -68,7 +68,7 @@ def classify(
     ------
     RegionError
         If `frequency` has another length, a sample is not finite, the axes are not those of the machine, or the sample
-        time is too long for the update interval.
+        time is too long; see `RegionParameters.for_sample_time`.
     """
     if frequency is not None and frequency.shape != (record.steps,):
         raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")

@@ -17,8 +17,8 @@ from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import ExcitationChange, InputKind
 from amb_core.regions.layout import ONE_BEARING, Layout, MonitoredBearing
-from amb_core.regions.parameters import RegionParameters
-from amb_core.regions.slow_signal import PER_INTERVAL, TAPS
+from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
+from amb_core.regions.slow_signal import TAPS
 from amb_core.regions.state import AxisState, BearingState, Onset, Region, RegionState
 
 
@@ -32,7 +32,7 @@ class RegionClassifier:
     Parameters
     ----------
     parameters : RegionParameters
-        Thresholds and times.
+        Thresholds and times; see `RegionParameters.for_sample_time`.
     sample_time : float
         Controller sample time (s).
     layout : Layout, optional
@@ -40,6 +40,8 @@ class RegionClassifier:
 
     Attributes
     ----------
+    parameters : RegionParameters
+        Those in use.
     gaps : list of tuple of int
         Missing spans of steps (first, step after the last); the classification restarted after each.
     returns : list of tuple of int
@@ -48,23 +50,18 @@ class RegionClassifier:
     Raises
     ------
     RegionError
-        If an update interval has fewer than ten steps.
+        If the sample time is too long; see `RegionParameters.for_sample_time`.
     """
 
     def __init__(self, parameters: RegionParameters, sample_time: float, layout: Layout = ONE_BEARING) -> None:
         if not (math.isfinite(sample_time) and sample_time > 0.0):
             raise RegionError(f"sample time {sample_time!r} s is not allowed; it must be positive and finite")
-        self.parameters = parameters
+        self.parameters = parameters = parameters.for_sample_time(sample_time)
         self.sample_time = sample_time
         self.layout = layout
         self._count = len(layout.axes)
         self._neighbours = layout.neighbours()
         self._factor = round(parameters.update_interval / sample_time / PER_INTERVAL)
-        if self._factor < 1:
-            raise RegionError(
-                f"update_interval = {parameters.update_interval:g} s is too short for the sample time "
-                f"{sample_time:g} s; it must hold at least {PER_INTERVAL} samples"
-            )
         self._interval = PER_INTERVAL * self._factor
         update = self._interval * sample_time
         self._samples = PER_INTERVAL * round(parameters.oscillation_window / update)

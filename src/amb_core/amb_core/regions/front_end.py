@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.regions.input_signal import HIGHEST, NO_INPUT, SPANS, InputFeatures, InputKind, InputTracker, sine_parts
-from amb_core.regions.slow_signal import PER_INTERVAL, TAPS, decimate, decimation_filter
+from amb_core.regions.parameters import PER_INTERVAL
+from amb_core.regions.slow_signal import TAPS, decimate, decimation_filter
 
 DISTORTION_SPAN = 4  # spans of the input over which harmonics of the position are fitted, against noise
 HIGHEST_DISTORTION = 0.45  # of the sample rate: the third harmonic must lie below

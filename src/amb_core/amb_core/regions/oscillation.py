@@ -16,9 +16,8 @@ from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.input_signal import HIGHEST, InputFeatures, InputKind
 from amb_core.regions.linear_mode import unexplained_amplitude
 from amb_core.regions.long_windows import LongWindow, LongWindows
-from amb_core.regions.parameters import RegionParameters
+from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
 from amb_core.regions.slow_signal import (
-    PER_INTERVAL,
     line_table,
     remove_beats,
     repetition,

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 from pydantic import model_validator
 
-from amb_core.ground.parameters import Parameters, quantity
+from amb_core.ground.errors import RegionError
+from amb_core.ground.parameters import Parameters, quantity, validate
 
 SMALLEST_RADIUS = 1e-6  # m
+PER_INTERVAL = 10
+"""Decimated samples of an update interval, and its fewest samples."""
+LONGEST_INTERVAL = 0.1
+"""Longest time from one classification to the next (s)."""
+_TIMES = ("update_interval", "settling_time", "trend_window", "oscillation_window", "hold_time")
 
 
 class RegionParameters(Parameters):
-    """Parameters of the region classifier; the defaults suit a bearing whose loop has its poles near 60 Hz."""
+    """Parameters of the region classifier; the defaults suit a bearing whose loop has its poles near 60 Hz.
+
+    Below 1 kHz the defaults are those of a loop as much slower; see `for_sample_time`.
+    """
 
     backup_bearing_radius: float = quantity(
         0.0,
@@ -20,7 +31,7 @@ class RegionParameters(Parameters):
         0.0,
         1e-2,
     )
-    update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, 0.1)
+    update_interval: float = quantity(0.01, "s", "time from one classification to the next", 0.002, LONGEST_INTERVAL)
     settling_time: float = quantity(
         0.1,
         "s",
@@ -80,6 +91,46 @@ class RegionParameters(Parameters):
         0.5, "-", "share of the power of a slow oscillation that beating must explain to count as its cause", 0.0, 1.0
     )
     hold_time: float = quantity(0.2, "s", "time without evidence after which a region is left", 0.0, 10.0)
+
+    def for_sample_time(self, sample_time: float) -> Self:
+        """These, with defaults for a slower loop where an update of the default interval holds fewer than ten samples.
+
+        Parameters
+        ----------
+        sample_time : float
+            Sample time of the data (s).
+
+        Returns
+        -------
+        RegionParameters
+            The same where an update holds ten samples. Otherwise all times that have their default are as much longer,
+            and the highest frequency of slow oscillations as much lower.
+
+        Raises
+        ------
+        RegionError
+            If an update interval other than the default holds too few samples, or the sample rate is below 100 Hz.
+        ParameterError
+            If times other than the default do not fit.
+        """
+        factor = PER_INTERVAL * sample_time / self.update_interval
+        if factor <= 1.0 + 1e-6:
+            return self
+        if PER_INTERVAL * sample_time > LONGEST_INTERVAL * (1.0 + 1e-6):
+            raise RegionError(
+                f"regions are not classified at {1.0 / sample_time:g} Hz; the sample rate must be at least "
+                f"{PER_INTERVAL / LONGEST_INTERVAL:g} Hz"
+            )
+        default = type(self)()
+        if self.update_interval != default.update_interval:
+            raise RegionError(
+                f"update_interval = {self.update_interval:g} s is too short for the sample time {sample_time:g} s; it "
+                f"must hold at least {PER_INTERVAL} samples, {PER_INTERVAL * sample_time:g} s"
+            )
+        slower = {name: getattr(default, name) * factor for name in _TIMES}
+        slower |= {"update_interval": PER_INTERVAL * sample_time, "slow_frequency": default.slow_frequency / factor}
+        kept = {name: value for name, value in self.model_dump().items() if value != getattr(default, name)}
+        return validate(type(self), slower | kept)
 
     @model_validator(mode="after")
     def _fits_together(self) -> RegionParameters:

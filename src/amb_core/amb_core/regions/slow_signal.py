@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import i0
 
-PER_INTERVAL = 10  # decimated samples per update interval
 TAPS = 16  # decimated samples of the past that the linear response reaches back
 HARMONICS = 3  # highest harmonic removed from the position; the first is part of the linear response
 BEATS = 3  # harmonics that may beat at the same time

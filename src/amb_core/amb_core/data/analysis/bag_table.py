@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.data.tables import Column, Table
+from amb_core.data.tables.table import ends_in
 from amb_core.ground.errors import BagError, IdentificationError
 from amb_core.ground.files.plain_data import fields_of_object
 from amb_core.recording import Recording
 
 TIME = "time"
+_TIMES = (TIME, "none")  # which any table has
 _SKIPPED = ("header", "layout", "name", "stamp")
 _MOST_VALUES = 256  # of one message
 
 
 def table_of_bag(recording: Recording, topics: Sequence[str] = (), columns: Sequence[str] = ()) -> Table:
-    """The numbers of some topics, by default of those that the names of columns begin with, else of all.
+    """The numbers of some topics, by default of those that have the named columns, else of all.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def table_of_bag(recording: Recording, topics: Sequence[str] = (), columns: Sequ
     for topic in topics:
         if topic not in there:
             raise BagError(f"bag {recording.path}: --topics {topic}: holds no such topic; its topics: {_list(there)}")
-    chosen = list(topics) or [name for name in there if any(c.startswith(f"{name}.") or c == name for c in columns)]
+    chosen = list(topics) or _with_columns(recording, there, columns)
     parts = {name: part for name in chosen or there if (part := _topic(recording, name)) is not None}
     if not parts:
         raise BagError(
@@ -51,11 +53,30 @@ def table_of_bag(recording: Recording, topics: Sequence[str] = (), columns: Sequ
     return _joined(str(recording.path), parts)
 
 
-_Part = tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], bool]
+def _with_columns(recording: Recording, topics: Sequence[str], columns: Sequence[str]) -> list[str]:
+    """The topics whose first message has one of some columns; none if only numbers of columns are given."""
+    named = [column for column in columns if column not in _TIMES and not column.replace("-", "").isdigit()]
+    there = {topic: _first_names(recording, topic) for topic in topics} if named else {}
+    with_column = {
+        column: [topic for topic, names in there.items() if any(ends_in(name, column) for name in (topic, *names))]
+        for column in named
+    }
+    for column in (column for column in named if not with_column[column]):
+        names = ", ".join(name for names in there.values() for name in names)
+        raise IdentificationError(f"bag {recording.path}: no topic has a column {column}; there are {names}")
+    return [topic for topic in there if any(topic in chosen for chosen in with_column.values())]
+
+
+def _first_names(recording: Recording, topic: str) -> list[str]:
+    _, message = next(iter(recording.timed_messages_of(topic)), (0, None))
+    return [] if message is None else [name for name, _ in _numbers(message, topic)]
+
+
+_Part = tuple[NDArray[np.int64], dict[str, NDArray[np.float64]], bool]
 
 
 def _topic(recording: Recording, topic: str) -> _Part | None:
-    """Times (s), signals by name, and whether the times are those of headers; None without numbers."""
+    """Times (ns), signals by name, and whether the times are those of headers; None without numbers."""
     stamps, recorded, rows, names = [], [], [], None
     for log_time, message in recording.timed_messages_of(topic):
         numbers = dict(_numbers(message, topic))
@@ -78,7 +99,7 @@ def _topic(recording: Recording, topic: str) -> _Part | None:
     values = np.array(rows, dtype=np.float64)
     order = np.argsort(times, kind="stable") if with_header else np.arange(len(times))
     signals = {name: values[order, index] for index, name in enumerate(names)}
-    return times[order].astype(np.float64), signals, with_header  # ns; a double holds them to 0.2 us
+    return times[order], signals, with_header
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
@@ -122,7 +143,7 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
         if len(other) < 2:
             raise IdentificationError(f"{path}: {name} has {len(other)} messages; leave it out with --topics")
         nearest = np.clip(np.searchsorted(other, time), 1, len(other) - 1)
-        nearest -= (time - other[nearest - 1]) < (other[nearest] - time)
+        nearest -= (time - other[nearest - 1]) < (other[nearest] - time)  # integers: a double holds no ns of a date
         kept &= np.abs(other[nearest] - time) <= half
         signals |= {key: value[nearest] for key, value in values.items()}
     if kept.sum() < 0.5 * len(time):

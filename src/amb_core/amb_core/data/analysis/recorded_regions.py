@@ -44,8 +44,10 @@ class RecordedRegions:
     delevitated : bool
         Whether the simulator ended the run because the rotor delevitated.
     parameters : RegionParameters
-        Thresholds: those of the recorded region monitor, otherwise defaults; with the radius of the recorded bearing if
-        they leave it to a machine that is not recorded.
+        Thresholds and times: those of the recorded region monitor, otherwise defaults; with the radius of the recorded
+        bearing if they leave it to a machine that is not recorded.
+    longer : float
+        How many times as long the times are, for the sake of the sample time (-).
     """
 
     run: int
@@ -56,6 +58,7 @@ class RecordedRegions:
     gaps: list[tuple[int, int]]
     delevitated: bool
     parameters: RegionParameters
+    longer: float = 1.0
 
 
 def classify_run(recording: Recording, run: int | None = None) -> RecordedRegions:
@@ -89,14 +92,15 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     ended = recording.delevitation(run)
     records = [recording.telemetry(run, start, end) for start, end in spans]
     machine = _machine(recording, records[0].axes)
-    parameters = _parameters(recording, machine)
+    wanted = _parameters(recording, machine)
+    parameters = wanted.for_sample_time(records[0].sample_time)
     usable = [part for record in records for part in _finite_parts(record)]
     parts = []
     for part in usable or records:
         try:
             parts.append(classify(part, parameters, machine=machine, delevitated=ended == part.first_step + part.steps))
         except RegionError as problem:
-            raise RegionError(f"bag {recording.path}, run {run}: {problem}") from None
+            raise RegionError(f"{recording.path}, run {run}: {problem}") from None
     return RecordedRegions(
         run,
         _joined(records),
@@ -106,6 +110,7 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
         _between([(part.first_step, part.first_step + part.steps) for part in usable], first_step, stop),
         ended is not None,
         parameters,
+        parameters.update_interval / wanted.update_interval,
     )
 
 

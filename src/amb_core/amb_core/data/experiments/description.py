@@ -194,10 +194,9 @@ class DataDescription(BaseModel):
 
     @property
     def columns(self) -> list[str]:
-        """The columns that the description names."""
+        """The columns that the description asks for."""
         signals = [column_of(item)[1] for item in (*self.inputs, *self.outputs, *self.reference)]
-        units = [item.rpartition("=")[0] for item in self.units]
-        return [name for name in (*signals, self.time, *units) if name]
+        return [name for name in (*signals, self.time) if name]
 
     @property
     def given_sample_time(self) -> float | None:

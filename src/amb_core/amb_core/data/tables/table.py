@@ -147,6 +147,15 @@ def without_suffix(name: str) -> str:
     return suffix["name"] if suffix else name
 
 
+def ends_in(name: str, wanted: str) -> bool:
+    """Whether a column's name is the wanted one, or ends in it at a boundary of its parts; without case.
+
+    `/rig.position[x]` ends in `position[x]`.
+    """
+    name, end = name.casefold(), wanted.casefold()
+    return name == end or (bool(end) and name.endswith(end) and name[-len(end) - 1] in "./ ")
+
+
 def _exact(columns: tuple[Column, ...], wanted: str) -> list[Column]:
     return [column for column in columns if column.name == wanted]
 
@@ -156,10 +165,7 @@ def _without_case(columns: tuple[Column, ...], wanted: str) -> list[Column]:
 
 
 def _ending(columns: tuple[Column, ...], wanted: str) -> list[Column]:
-    """Columns whose name ends in the wanted one, at a boundary of its parts: `position[x]` of `/rig.position[x]`."""
-    end = wanted.casefold()
-    candidates = [column for column in columns if column.name.casefold().endswith(end)]
-    return [column for column in candidates if len(column.name) > len(end) and column.name[-len(end) - 1] in "./ "]
+    return [column for column in columns if ends_in(column.name, wanted)]
 
 
 def _variable(columns: tuple[Column, ...], wanted: str) -> list[Column]:
