@@ -175,6 +175,24 @@ def test_a_period_of_every_line_repeated_does_not_pass_for_free_of_distortion() 
     assert evidence is not None and evidence.ratio[1] > 0.02
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_random_steps_that_repeat_by_chance_are_no_period(seed: int) -> None:
+    """Of 600 random signs, each held for 0.05 s, some four come twice in a row: 2 periods of 0.2 s."""
+    signs = np.random.default_rng(seed).choice([-1e-6, 1e-6], (600, 1))
+    record = respond(np.repeat(signs, 100, axis=0) * [1.0, 0.0], noise=1e-9)
+    evidence = find_evidence([record])
+    assert evidence.distortion is None
+    assert "repeats no period" in evidence.problem
+    assert evidence.coherence is not None
+    assert np.nanmax(evidence.coherence.ratio) < 0.05
+
+
+def test_a_short_binary_sequence_that_repeats_often_is_a_period() -> None:
+    signs = np.random.default_rng(1).choice([-1e-6, 1e-6], (31, 2))
+    distortion = measure_recorded([respond(np.tile(np.repeat(signs, 20, axis=0), (periods, 1))) for periods in (4, 5)])
+    assert distortion.period == pytest.approx(31 * 20 / RATE)
+
+
 def test_what_else_is_not_permitted_is_said() -> None:
     tones = excitation("tones", duration=3.0, frequencies=[20.0, 45.0], amplitudes=[2e-6, 2e-6])
     with pytest.raises(SpectrumError, match=r"has 2 lines in its period of 0\.2 s, a multisine has 8 or more"):

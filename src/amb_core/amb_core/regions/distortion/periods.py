@@ -23,6 +23,7 @@ _SAME = 1e-6  # difference of reference samples a period apart, relative to thei
 _CORRELATED = 0.05  # autocorrelation, above which a peak may be a period
 _MOST_CANDIDATES = 40
 _AS_GOOD = 0.99  # part of the longest periodic time that a shorter period must reach
+_FEWEST_MOVES = 16  # that are repeated: chance repeats few of random steps, such as 4 of 0.01 s each
 _REPEATED = 0.999  # correlation of two realisations that are one and the same, shifted or with the opposite sign
 
 Signal = NDArray[np.float64]
@@ -126,15 +127,17 @@ def _candidates(reference: Signal) -> list[int]:
 
 
 def _parts(index: int, reference: Signal, period: int) -> list[PeriodicPart]:
-    """Parts of a reference of two whole periods or more in which it moves."""
+    """Parts of a reference of two whole periods or more in which it moves, more often than chance repeats."""
     if len(reference) < 2 * period:
         return []
     tolerance = _SAME * np.ptp(reference, axis=0).max()
     same = np.all(np.abs(reference[period:] - reference[:-period]) <= tolerance, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
+    moves = np.any(np.abs(np.diff(reference, axis=0)) > tolerance, axis=1)
     parts = []
     for start, stop in edges:
         periods = int(stop - start) // period + 1
-        if periods >= 2 and np.ptp(reference[start : start + period], axis=0).max() > tolerance:
+        repeated = np.count_nonzero(moves[start + period : start + periods * period])
+        if periods >= 2 and repeated >= _FEWEST_MOVES:
             parts.append(PeriodicPart(index, int(start), periods))
     return parts
