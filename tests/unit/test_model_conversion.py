@@ -33,13 +33,28 @@ def test_a_mat_file_has_what_matlab_and_octave_need(bearing: LinearBearing, tmp_
     assert [str(unit.item()) for unit in content["OutputUnit"].ravel()] == ["m", "m"]
 
 
+def test_an_idss_of_matlab_is_a_model(bearing: LinearBearing, tmp_path: Path) -> None:
+    """`save model.mat A B C D K Ts InputName OutputName`, whose names are cells with one column."""
+    model = noisy(bearing)
+    names = {"InputName": [["i_x"], ["i_y"]], "OutputName": [["x"], ["y"]]}
+    cells = {name: np.array(value, dtype=object) for name, value in names.items()}
+    matrices = {name: getattr(model, name.lower()) for name in "ABCDK"}
+    io.savemat(tmp_path / "model.mat", {**matrices, **cells, "Ts": model.sample_time})
+    read = StateSpaceModel.load(tmp_path / "model.mat")
+    assert all(np.array_equal(getattr(read, name), getattr(model, name)) for name in "abcdk")
+    assert (read.input_names, read.output_names, read.sample_time) == (("i_x", "i_y"), ("x", "y"), model.sample_time)
+    assert (read.input_units, read.output_units) == (("A", "A"), ("m", "m"))
+    assert not any(part.any() for part in (read.input_offset, read.output_offset, read.initial_state))
+
+
 def test_a_mat_file_without_a_model_is_refused_in_one_line(tmp_path: Path) -> None:
     io.savemat(tmp_path / "other.mat", {"A": np.eye(2)})
     (tmp_path / "damaged.mat").write_bytes((tmp_path / "other.mat").read_bytes()[:150])
-    for name in ("other", "damaged"):
-        with pytest.raises(
-            IdentificationError, match=rf"model .*{name}\.mat: (is damaged or of another kind|cannot be read)"
-        ) as refusal:
+    for name, reason in (
+        ("other", "lacks B, C, D, K, Ts, InputName, OutputName; a model is .*; found A"),
+        ("damaged", "(is damaged or of another kind|cannot be read)"),
+    ):
+        with pytest.raises(IdentificationError, match=rf"model .*{name}\.mat: {reason}") as refusal:
             StateSpaceModel.load(tmp_path / f"{name}.mat")
         assert "\n" not in str(refusal.value)
 

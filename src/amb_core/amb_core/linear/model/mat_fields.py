@@ -11,17 +11,24 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.matlab import cell, texts
 
 _MATRICES = {"a": "A", "b": "B", "c": "C", "d": "D", "k": "K", "innovation_covariance": "NoiseVariance"}
-_VECTORS = {"input_offset": "InputOffset", "output_offset": "OutputOffset", "initial_state": "X0", "fit": "Fit"}
-_FINGERPRINT = "Fingerprint"  # which old files lack
+_VECTORS = {
+    "input_offset": "InputOffset",
+    "output_offset": "OutputOffset",
+    "initial_state": "X0",
+    "fit": "Fit",
+    "fingerprint": "Fingerprint",
+}
 _NAMES = {
     "input_names": "InputName",
     "output_names": "OutputName",
     "input_units": "InputUnit",
     "output_units": "OutputUnit",
 }
+_NEEDED = ("A", "B", "C", "D", "K", "Ts", "InputName", "OutputName")
 _TEXTS = {"method": "Method", "source": "Source"}
 
 
@@ -34,18 +41,42 @@ def variables_of(fields: Mapping[str, Any]) -> dict[str, Any]:
         **{matlab: cell([fields[name]]) for name, matlab in _TEXTS.items()},
         "Ts": fields["sample_time"],
         "Samples": float(fields["samples"]),
-        _FINGERPRINT: fields["fingerprint"][:, np.newaxis],
     }
 
 
 def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a model from variables of `variables_of`; KeyError where one is missing."""
-    return {
-        **{name: variables[matlab] for name, matlab in _MATRICES.items()},
-        **{name: variables[matlab].ravel() for name, matlab in _VECTORS.items()},
-        **{name: texts(variables[matlab]) for name, matlab in _NAMES.items()},
-        **{name: texts(variables[matlab])[0] for name, matlab in _TEXTS.items()},
+    """The fields of a model from variables of `variables_of`, or from those of a MATLAB `idss` alone.
+
+    Raises
+    ------
+    IdentificationError
+        If one is missing that has no default.
+    """
+    missing = [name for name in _NEEDED if name not in variables]
+    if missing:
+        present = ", ".join(sorted(variables)) or "nothing"
+        raise IdentificationError(
+            f"lacks {', '.join(missing)}; a model is {', '.join(_NEEDED)}, such as those of an idss; found {present}"
+        )
+    inputs, outputs, states = (variables[name].shape[axis] for name, axis in (("B", 1), ("C", 0), ("A", 0)))
+    values = {
+        "innovation_covariance": np.zeros((outputs, outputs)),
+        "input_offset": np.zeros(inputs),
+        "output_offset": np.zeros(outputs),
+        "initial_state": np.zeros(states),
+        "fit": np.empty(0),
+        "fingerprint": np.empty(0),
+        "method": "",
+        "source": "",
         "sample_time": float(variables["Ts"].item()),
-        "samples": int(variables["Samples"].item()),
-        "fingerprint": variables[_FINGERPRINT].ravel() if _FINGERPRINT in variables else np.empty(0),
+        "samples": int(variables["Samples"].item()) if "Samples" in variables else 0,
     }
+    kinds = (
+        (_MATRICES, lambda value: value),
+        (_VECTORS, np.ravel),
+        (_NAMES, texts),
+        (_TEXTS, lambda value: texts(value)[0]),
+    )
+    for names, convert in kinds:
+        values |= {name: convert(variables[matlab]) for name, matlab in names.items() if matlab in variables}
+    return values
