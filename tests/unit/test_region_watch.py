@@ -81,9 +81,9 @@ def test_a_block_that_cannot_be_classified_is_left_out(watch: RegionWatch, quiet
 
 
 def test_a_sample_time_too_long_for_the_classifier_is_refused(watch: RegionWatch, quiet: LoopRecord) -> None:
-    slow = LoopRecord(0, 1e-2, quiet.reference, quiet.position, quiet.current)
+    slow = LoopRecord(0, 2e-2, quiet.reference, quiet.position, quiet.current)
     for _ in range(2):
-        with pytest.raises(RegionError, match="update_interval"):
+        with pytest.raises(RegionError, match="not classified at 50 Hz; the sample rate must be at least 100 Hz"):
             watch.add_block(7, slow)
     assert watch.state is None
     assert watch.add_block(8, quiet), "the next run is judged"

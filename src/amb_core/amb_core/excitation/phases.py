@@ -25,6 +25,8 @@ EFFORT = 5e7
 """Samples clipped in total, a few seconds: a multisine of more than a few minutes gets fewer clippings."""
 HIGHEST_REMEMBERED = 20_000
 """Largest number of lines for which phases are cached: more would fill the memory of a node that runs for weeks."""
+STEPS_PER_RADIAN = 4096.0
+"""Phases are rounded to such steps after each clipping, or the last bit, in which processors differ, would grow."""
 FIRST_CLIP, LAST_CLIP = 0.4, 0.99
 """Share of the peak at which the first and the last clipping limit the signal."""
 
@@ -86,5 +88,6 @@ def _clipped(lines: NDArray[np.int_], phases: NDArray[np.float64]) -> NDArray[np
         if peak < lowest:
             best, lowest = phases, peak
         level = clip * peak
-        phases = np.angle(rfft(np.clip(signal, -level, level))[lines])
+        clipped = np.angle(rfft(np.clip(signal, -level, level))[lines])
+        phases = np.round(STEPS_PER_RADIAN * clipped) / STEPS_PER_RADIAN
     return best

@@ -24,6 +24,7 @@ _CORRELATED = 0.05  # autocorrelation, above which a peak may be a period
 _MOST_CANDIDATES = 40
 _AS_GOOD = 0.99  # part of the longest periodic time that a shorter period must reach
 _FEWEST_MOVES = 16  # that are repeated: chance repeats few of random steps, such as 4 of 0.01 s each
+_MOST_MOVES = 0.5  # part of all moves, that those with fewer must have together, as of some periods of squares
 _REPEATED = 0.999  # correlation of two realisations that are one and the same, shifted or with the opposite sign
 
 Signal = NDArray[np.float64]
@@ -58,8 +59,14 @@ def find_periodic_parts(references: Sequence[Signal]) -> tuple[int, list[Periodi
 
 
 def periodic_parts(references: Sequence[Signal], period: int) -> list[PeriodicPart]:
-    """All parts of two periods or more of references with a known period (samples)."""
-    return [part for index, item in enumerate(references) for part in _parts(index, item, period)]
+    """All parts of two periods or more of references with a known period (samples), but those by chance."""
+    parts = [part for index, item in enumerate(references) for part in _parts(index, item, period)]
+    moves = [_moves(item) for item in references]
+    inside = [moves[part.record][part.start : part.start + part.periods * period] for part in parts]
+    of_all, of_parts = (sum(np.count_nonzero(item) for item in items) for items in (moves, inside))
+    if of_parts >= _MOST_MOVES * of_all:
+        return parts
+    return [part for part, item in zip(parts, inside, strict=True) if np.count_nonzero(item[period:]) >= _FEWEST_MOVES]
 
 
 def settled_responses(
@@ -127,17 +134,21 @@ def _candidates(reference: Signal) -> list[int]:
 
 
 def _parts(index: int, reference: Signal, period: int) -> list[PeriodicPart]:
-    """Parts of a reference of two whole periods or more in which it moves, more often than chance repeats."""
+    """Parts of a reference of two whole periods or more in which it moves."""
     if len(reference) < 2 * period:
         return []
     tolerance = _SAME * np.ptp(reference, axis=0).max()
     same = np.all(np.abs(reference[period:] - reference[:-period]) <= tolerance, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
-    moves = np.any(np.abs(np.diff(reference, axis=0)) > tolerance, axis=1)
     parts = []
     for start, stop in edges:
         periods = int(stop - start) // period + 1
-        repeated = np.count_nonzero(moves[start + period : start + periods * period])
-        if periods >= 2 and repeated >= _FEWEST_MOVES:
+        if periods >= 2 and np.ptp(reference[start : start + period], axis=0).max() > tolerance:
             parts.append(PeriodicPart(index, int(start), periods))
     return parts
+
+
+def _moves(reference: Signal) -> NDArray[np.bool_]:
+    """Whether the reference moves from each sample to the next."""
+    tolerance = _SAME * np.ptp(reference, axis=0).max(initial=0.0)
+    return np.asarray(np.any(np.abs(np.diff(reference, axis=0)) > tolerance, axis=1))
