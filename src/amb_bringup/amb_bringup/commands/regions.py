@@ -123,8 +123,8 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
     if classified.longer > 1.0:
         used, rate = classified.parameters, 1.0 / classified.record.sample_time
         console.print(
-            f"at {rate:.5g} Hz the classification takes {classified.longer:.3g} times as long: every "
-            f"{used.update_interval:.3g} s, with slow oscillations up to {used.slow_frequency:.3g} Hz"
+            f"at {rate:.5g} Hz the default times of the classification are {classified.longer:.3g} times as long: "
+            f"a state every {used.update_interval:.3g} s, slow oscillations up to {used.slow_frequency:.3g} Hz"
         )
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
