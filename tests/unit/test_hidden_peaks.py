@@ -11,6 +11,7 @@ from amb_core.data.experiments import IdentificationData
 from amb_core.linear import LinearSystem
 from amb_core.robustness import Feedback, SweepSettings, measured_sensitivity
 from amb_core.robustness.feedback import law_from_positions
+from amb_core.robustness.sharp_peaks import SharpMode
 from amb_core.robustness.sweep import (
     HIDDEN,
     dwells,
@@ -68,6 +69,41 @@ def test_after_the_dwell_its_peak_is_known_to_02_db_and_01_percent(loop, truth, 
 def test_a_loop_without_narrow_modes_is_not_dwelt_at() -> None:
     calm = swept(rotor(600.0, 0.5, 1e-4), SETTINGS.excitation, np.random.default_rng(3))
     assert dwells(calm, LAW, SETTINGS) == []
+
+
+BROAD = SweepSettings(sweep_amplitude=4e-6, sweep_duration=10.0, sweep_start=15.0, sweep_end=500.0)
+
+
+@pytest.fixture(scope="module")
+def broad():
+    """A loop that damps a bending mode of 45.5 Hz well: its largest S, 2.8, is at 35.4 Hz, with a damping of 0.06."""
+    return rotor(45.5, 0.001, 0.183)
+
+
+def test_the_highest_sensitivity_is_dwelt_at_until_it_is_known_to_005_db(broad) -> None:
+    random = np.random.default_rng(6)
+    data = swept(broad, BROAD.excitation, random)
+    chosen = dwells(data, LAW, BROAD, [])
+    assert sum(one.frequency_start < 35.4 < one.frequency_end for one in chosen) == 1
+    further = [part for one in chosen for part in swept(broad, one, random).experiments]
+    data = replace(data, experiments=(*data.experiments, *further))
+    measured = measured_sensitivity(data, LAW, [])
+    place = int(np.abs(measured.own[:, 0]).argmax())
+    plant = LinearSystem(broad.a, broad.b, broad.c, np.zeros((2, 2)), STEP)
+    true = Feedback(plant, law_from_positions(LAW, 2), ("x", "y")).output_sensitivity
+    fine = np.abs(true.response(np.linspace(30.0, 40.0, 1_001))[:, 0, 0])
+    assert np.abs(measured.own[place, 0]) == pytest.approx(fine.max(), rel=0.023)
+    assert measured.deviation[place, 0] < 0.008 * abs(measured.own[place, 0])
+    assert dwells(data, LAW, BROAD, []) == []
+
+
+def test_a_broad_resonance_does_not_bend_the_values_about_it() -> None:
+    loop = rotor(142.4, 0.0015, 0.142)
+    data = swept(loop, BROAD.excitation, np.random.default_rng(7))
+    without = measured_sensitivity(data, LAW, [])
+    with_mode = measured_sensitivity(data, LAW, [SharpMode(144.7, 0.045, 19.0, 0.74)])
+    assert np.array_equal(with_mode.frequency, without.frequency)
+    assert np.array_equal(with_mode.own, without.own)
 
 
 def test_the_band_says_where_a_sweep_is_too_fast_or_ends_too_early(truth, first) -> None:

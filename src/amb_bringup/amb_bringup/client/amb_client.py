@@ -85,7 +85,7 @@ class AmbClient(LoopCalls):
         progress: Progress = unseen,
         **settings: Any,
     ) -> MeasuredSensitivity:
-        """Measure the sensitivity of the running loop by a swept sine and dwells at its narrow peaks, in region A.
+        """Measure the sensitivity of the running loop by a swept sine and dwells at its peaks, in region A.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""A swept sine on a running graph: over the band, then dwells at the narrow peaks that it shows, all in region A."""
+"""A swept sine on a running graph: over the band, then dwells at the peaks that it shows, all in region A."""
 
 from __future__ import annotations
 

@@ -15,9 +15,10 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from amb_core.ground.errors import RobustnessError
 from amb_core.linear import Arrays, Complexes
@@ -48,6 +49,8 @@ class LocalResponse:
         E(dG_ij dG_kl*) = noise_ik spread_jl.
     coherence : ndarray, shape (f, q)
         Share of the power of each signal in the band that references and transients explain, 0 to 1.
+    half_band : ndarray, shape (f,)
+        Distance (Hz) of the farthest lines from which a value follows.
     """
 
     frequency: Arrays
@@ -55,6 +58,17 @@ class LocalResponse:
     noise: Complexes
     spread: Complexes
     coherence: Arrays
+    half_band: Arrays
+
+    def joined(self, other: LocalResponse) -> LocalResponse:
+        """With the values of another one, ascending in frequency."""
+        order = np.argsort(np.concatenate([self.frequency, other.frequency]), kind="stable")
+        parts = (np.concatenate([getattr(self, one.name), getattr(other, one.name)]) for one in fields(self))
+        return LocalResponse(*(part[order] for part in parts))
+
+    def at(self, kept: NDArray[np.bool_]) -> LocalResponse:
+        """The values at some frequencies."""
+        return LocalResponse(*(getattr(self, one.name)[kept] for one in fields(self)))
 
 
 def local_response(
@@ -89,7 +103,7 @@ def local_response(
         if at > half and np.all(power > LEAST_POWER * largest):
             solved = _solve(lines, at, half, signals)
             if solved is not None:
-                solutions.append((at, *solved))
+                solutions.append((at, *solved, half))
     if not solutions:
         raise RobustnessError(
             "the references determine the response at no frequency; excite each axis, one after the other"

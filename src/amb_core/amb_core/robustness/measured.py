@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 from scipy.special import ndtri
 
 from amb_core.data.experiments import IdentificationData
@@ -25,10 +26,13 @@ from amb_core.identification.nonparametric import NonparametricEstimate, estimat
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.robustness.feedback import Feedback, law_from_positions
-from amb_core.robustness.local_response import local_response
+from amb_core.robustness.local_response import LocalResponse, local_response
 from amb_core.robustness.sharp_peaks import SharpMode, with_sharp_peaks
 
 FREQUENCIES = 400  # of the curve of a reference without period
+CLOSER = 8  # times as close, about peaks
+STANDS_OUT = 0.5  # dB, of a peak
+_CLEAR = 5.0  # standard deviations by noise, of the same
 COHERENT = 0.9  # coherence from which a measured value counts
 KNOWN = 0.0115  # relative, standard deviation (0.1 dB), of a measured value that is compared with a model
 LARGEST_ERROR = 0.3  # relative, standard deviation, of what is shown
@@ -129,7 +133,7 @@ class MeasuredSensitivity:
 
 
 def measured_sensitivity(
-    data: IdentificationData, controller: KnownController, modes: Sequence[SharpMode] = ()
+    data: IdentificationData, controller: KnownController, modes: Sequence[SharpMode] | None = None
 ) -> MeasuredSensitivity:
     """The sensitivity that data of a loop show.
 
@@ -141,7 +145,7 @@ def measured_sensitivity(
         That of the experiments.
     modes : sequence of SharpMode, optional
         Narrow resonances that are measured at their peaks, as `sharp_modes` finds them in some seconds; not for a
-        periodic reference.
+        periodic reference. With them, even none, S is known closely about its own peaks too.
 
     Returns
     -------
@@ -218,14 +222,42 @@ def experiments_of(data: IdentificationData) -> list[tuple[Arrays, Arrays]]:
 
 
 def _over_bands(
-    data: IdentificationData, law: LinearSystem, by_errors: bool, modes: Sequence[SharpMode]
+    data: IdentificationData, law: LinearSystem, by_errors: bool, modes: Sequence[SharpMode] | None
 ) -> MeasuredSensitivity:
     """By the local polynomial method."""
     experiments = experiments_of(data)
     longest = max(len(reference) for reference, _ in experiments) * data.sample_time
     wanted = np.geomspace(1.0 / longest, 0.5 / data.sample_time, FREQUENCIES + 1)[:-1]
     local = local_response(experiments, data.sample_time, wanted)
-    local = with_sharp_peaks(local, experiments, data.sample_time, modes)
+    if modes is not None:
+        closer = _about_peaks(_from_response(local, data, law, by_errors))
+        if len(closer):
+            local = local.joined(local_response(experiments, data.sample_time, closer))
+        local = with_sharp_peaks(local, experiments, data.sample_time, modes)
+    return _from_response(local, data, law, by_errors)
+
+
+def _about_peaks(measured: MeasuredSensitivity) -> Arrays:
+    """Frequencies (Hz) between those measured, about the peaks of S of each axis; ascending."""
+    tops = np.unique([top for axis in range(len(measured.axes)) for top in peaks(measured, axis)]).astype(int)
+    gaps = np.unique(np.concatenate([tops - 1, tops]))
+    below, above = measured.frequency[gaps, np.newaxis], measured.frequency[gaps + 1, np.newaxis]
+    return np.asarray((below * (above / below) ** (np.arange(1, CLOSER) / CLOSER)).ravel())
+
+
+def peaks(measured: MeasuredSensitivity, axis: int) -> NDArray[np.int_]:
+    """Indices of the peaks of S of an axis that stand out of their noise, the highest last; ends are none."""
+    size = np.abs(measured.own[:, axis])
+    tops, about = find_peaks(20.0 * np.log10(size), prominence=STANDS_OUT)
+    noise = 20.0 / np.log(10.0) * measured.deviation[tops, axis] / size[tops]
+    clear = tops[about["prominences"] > _CLEAR * noise]
+    return clear[np.argsort(size[clear])]
+
+
+def _from_response(
+    local: LocalResponse, data: IdentificationData, law: LinearSystem, by_errors: bool
+) -> MeasuredSensitivity:
+    """From the response of inputs and outputs to the references."""
     m, eye = len(data.input_names), np.eye(len(data.output_names))
     if by_errors:  # S = I - Y, with the response Y of the positions
         sensitivity: Complexes = eye - local.response[:, m:]

@@ -36,6 +36,7 @@ _EXCITED = 1e-4  # of the largest line of an experiment, from which its referenc
 _NOTHING = 1e-100  # norm of a column that says nothing
 _STEP = 1.5  # of the scan, in half bandwidths
 _POINTS = 33  # of the response at a mode
+_NARROW_BAND = 0.4  # of the half bandwidth of a mode: bands of local polynomials that see it without bias
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,7 @@ def sharp_response(
         np.broadcast_to(noise, (_POINTS, signals, signals)),
         np.asarray(spread),
         np.broadcast_to(coherence, (_POINTS, signals)),
+        np.full(_POINTS, REACH * mode.damping * mode.frequency),
     )
 
 
@@ -165,17 +167,17 @@ def with_sharp_peaks(
     sample_time: float,
     modes: Sequence[SharpMode],
 ) -> LocalResponse:
-    """A response of wide bands, with that of narrow resonances in their places."""
+    """A response of wide bands, with that of narrow resonances in their places, where the bands are too wide for them.
+
+    A mode on a background is fitted over many of its bandwidths. A broad one has more than a background there, which
+    would bend the values; the bands are then narrow enough.
+    """
     for mode in modes:
         near = sharp_response(experiments, sample_time, mode)
-        if near is None:
+        place = int(np.argmin(np.abs(wide.frequency - mode.frequency)))
+        if near is None or wide.half_band[place] < _NARROW_BAND * mode.damping * mode.frequency:
             continue
-        kept = (wide.frequency < near.frequency[0]) | (wide.frequency > near.frequency[-1])
-        order = np.argsort(np.concatenate([wide.frequency[kept], near.frequency]), kind="stable")
-        parts = ("frequency", "response", "noise", "spread", "coherence")
-        wide = LocalResponse(
-            *(np.concatenate([getattr(wide, part)[kept], getattr(near, part)])[order] for part in parts)
-        )
+        wide = wide.at((wide.frequency < near.frequency[0]) | (wide.frequency > near.frequency[-1])).joined(near)
     return wide
 
 

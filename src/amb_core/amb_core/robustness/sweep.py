@@ -1,7 +1,8 @@
-"""The swept sine by which a sensitivity is measured on a running loop: one over the band, then dwells at narrow peaks.
+"""The swept sine by which a sensitivity is measured on a running loop: one over the band, then dwells at peaks.
 
-The first sweep shows where narrow resonances are. At each the rotor is then excited in a band of a few half bandwidths,
-for as long as its lines resolve the mode, and as weakly as its peak allows to be known to 0.05 dB.
+The first sweep shows where narrow resonances are, and the highest sensitivity of each axis. At each the rotor is then
+excited in a band of a few half bandwidths, for as long as its lines resolve the mode, and as weakly as its peak allows
+to be known to 0.05 dB.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from amb_core.linear import Arrays
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.linear_control import linear_law
 from amb_core.robustness.feedback import Feedback
-from amb_core.robustness.measured import MeasuredSensitivity, experiments_of, measured_sensitivity
+from amb_core.robustness.measured import MeasuredSensitivity, experiments_of, measured_sensitivity, peaks
 from amb_core.robustness.sharp_peaks import (
     LEAST_DAMPING,
     WIDEST,
@@ -81,7 +82,9 @@ def dwells(
     settings: SweepSettings,
     modes: Sequence[SharpMode] | None = None,
 ) -> list[Sweep]:
-    """Narrow sweeps at the resonances that a first sweep shows, the likeliest first; none where it shows none.
+    """Narrow sweeps at the resonances that a first sweep shows, the likeliest first, and at the highest S of each axis.
+
+    Neither where it shows none, or knows the highest S to 0.05 dB.
 
     Parameters
     ----------
@@ -95,12 +98,24 @@ def dwells(
         What `modes_of` has found in the data; it takes some seconds.
     """
     known = modes_of(data, controller) if modes is None else modes
-    inside = [one for one in known if one.damping <= _NARROW]
-    if not inside:
-        return []
+    inside = sorted((one for one in known if one.damping <= _NARROW), key=lambda one: -one.score)[:MOST_DWELLS]
     measured = measured_sensitivity(data, controller, inside)
-    chosen = sorted(inside, key=lambda one: -one.score)[:MOST_DWELLS]
+    chosen = [*inside, *_highest_unknown(measured, inside)]
     return [_dwell(one, measured, settings, len(data.output_names)) for one in chosen]
+
+
+def _highest_unknown(measured: MeasuredSensitivity, dwelt: Sequence[SharpMode]) -> list[SharpMode]:
+    """The highest peak of S of each axis, as a mode as broad as any dwelt at, unless it is known or dwelt at anyway."""
+    found: list[SharpMode] = []
+    for axis in range(len(measured.axes)):
+        tops = peaks(measured, axis)
+        if not len(tops):
+            continue
+        at, top = float(measured.frequency[tops[-1]]), tops[-1]
+        known = measured.deviation[top, axis] <= _KNOWN * abs(measured.own[top, axis])
+        if not known and all(abs(at / one.frequency - 1.0) > _WIDE * one.damping for one in [*dwelt, *found]):
+            found.append(SharpMode(at, _NARROW, 0.0))
+    return found
 
 
 def _dwell(mode: SharpMode, measured: MeasuredSensitivity, settings: SweepSettings, axes: int) -> Sweep:
@@ -109,16 +124,17 @@ def _dwell(mode: SharpMode, measured: MeasuredSensitivity, settings: SweepSettin
     if near.any():
         size = float(np.abs(measured.own[near]).max())
         unknown = float((measured.deviation[near] / np.abs(measured.own[near])).max())
-    seconds = _LINES / (max(mode.damping, LEAST_DAMPING) * mode.frequency)
+    seconds = min(_LINES / (max(mode.damping, LEAST_DAMPING) * mode.frequency), _LONGEST)
     half = min(_WIDE * mode.damping, 0.5)
     # Power of the reference per line, over that of the first sweep: the deviation falls with its root.
     octave = math.log(settings.sweep_end / settings.sweep_start)
     denser = math.sqrt(seconds / (2.0 * half) * octave / (settings.sweep_duration / axes))
-    seconds *= min(max((unknown / denser / _KNOWN) ** 2, 1.0), _LONGEST / seconds) if seconds < _LONGEST else 1.0
-    weaker = min(1.0, unknown / denser / _KNOWN) / max(1.0, size)  # the rotor moves no more than in the first sweep
+    needed, allowed = unknown / denser / _KNOWN, 1.0 / max(1.0, size)  # the rotor moves no more than without a peak
+    longer = min(max((needed / allowed) ** 2, 1.0), _LONGEST / seconds)
+    weaker = min(needed / math.sqrt(longer), allowed)
     return Sweep(
         amplitude=settings.sweep_amplitude * max(weaker, _WEAKEST),
-        duration=axes * min(seconds, _LONGEST),
+        duration=axes * seconds * longer,
         frequency_start=mode.frequency * (1.0 - half),
         frequency_end=mode.frequency * (1.0 + half),
         axes="in_turn",
