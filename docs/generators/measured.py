@@ -2,7 +2,8 @@
 
 A file holds figures, the tables made of them, date, commit, machine and command of the measurement, and the rooms of
 the code on which it depends. `python -m docs.generators.measured` (`make measured`) lists the files and what is stale;
-`... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code.
+`... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code; `...
+confirm NAME --part TEXT` keeps that a part of them, measured again on this code, is the same.
 """
 
 from __future__ import annotations
@@ -45,6 +46,24 @@ class Table(BaseModel):
     rows: list[list[str]]
 
 
+class Confirmation(BaseModel):
+    """That a part of the figures was measured again on later code, and is the same.
+
+    Attributes
+    ----------
+    part : str
+        What was measured again, of how much, and how closely it agrees.
+    commit, date : str
+        The code that was measured, and when.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    part: str
+    commit: str
+    date: str
+
+
 class Measured(BaseModel):
     """A file of measured figures.
 
@@ -56,6 +75,8 @@ class Measured(BaseModel):
         The code that was measured.
     exact : bool
         Whether it was that commit; otherwise that one or an earlier one.
+    confirmed : Confirmation, optional
+        The latest code on which a part was measured again and is the same.
     rooms : list of str
         Folders and files on which the figures depend.
     results : str
@@ -75,6 +96,7 @@ class Measured(BaseModel):
     date: str
     commit: str
     exact: bool
+    confirmed: Confirmation | None = None
     rooms: list[str]
     results: str
     declared: str = ""
@@ -98,14 +120,20 @@ class Measured(BaseModel):
         """When, where and how."""
         when = f"on {self.date} at commit {self.commit[:7]}" if self.exact else f"at commit {self.commit[:7]} or before"
         where = f", on {self.machine}" if self.machine else ""
-        return f"Measured {when} by `{self.command}`{where}."
+        measured = f"Measured {when} by `{self.command}`{where}."
+        if self.confirmed is None:
+            return measured
+        one = self.confirmed
+        return f"{measured} Measured again on {one.date} at commit {one.commit[:7]}: {one.part}."
 
     def age(self) -> Age:
         """Whether the rooms are those that were measured, as far as git knows."""
-        if _git("cat-file", "-e", f"{self.commit}^{{commit}}") != 0:
+        commit = self.confirmed.commit if self.confirmed else self.commit
+        exact = self.exact or self.confirmed is not None
+        if _git("cat-file", "-e", f"{commit}^{{commit}}") != 0:
             return "unknown"
-        changed = _git("diff", "--quiet", self.commit, "--", *self.rooms)
-        return "stale" if changed == 1 else "current" if changed == 0 and self.exact else "unknown"
+        changed = _git("diff", "--quiet", commit, "--", *self.rooms)
+        return "stale" if changed == 1 else "current" if changed == 0 and exact else "unknown"
 
 
 class _Cells(Formatter):
@@ -159,9 +187,7 @@ def _take(name: str) -> None:
     measured = load(name)
     if not measured.declared:
         sys.exit(f"{name}: the cells of its tables hold the figures; write them, the commit and the date there by hand")
-    if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
-        sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
-    head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+    commit = _measured_commit(name, measured)
     file = ROOT / "results" / measured.results
     figures = json.loads(file.read_text())
     wrong = declaration_problems(measured.declared, figures)
@@ -170,8 +196,26 @@ def _take(name: str) -> None:
     processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
     described = f"{processor[1] if processor else platform.processor()}, {os.cpu_count()} cores"
     changed = {"figures": figures, "date": str(date.fromtimestamp(file.stat().st_mtime)), "machine": described}
-    taken = measured.model_copy(update=changed | {"commit": head.stdout.strip(), "exact": True})
-    (FOLDER / f"{name}.json").write_text(taken.model_dump_json(indent=1) + "\n")
+    _keep(name, measured.model_copy(update=changed | {"commit": commit, "exact": True, "confirmed": None}))
+
+
+def _confirm(name: str, part: str) -> None:
+    """Keep that a part was measured again on the code as it is committed now, and is the same."""
+    measured = load(name)
+    again = Confirmation(part=part, commit=_measured_commit(name, measured), date=str(date.today()))
+    _keep(name, measured.model_copy(update={"confirmed": again}))
+
+
+def _measured_commit(name: str, measured: Measured) -> str:
+    """The commit of this checkout; ends if the rooms are not as committed."""
+    if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
+        sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
+    head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
+    return head.stdout.strip()
+
+
+def _keep(name: str, measured: Measured) -> None:
+    (FOLDER / f"{name}.json").write_text(measured.model_dump_json(indent=1, exclude_none=True) + "\n")
 
 
 def declaration_problems(declared: str, figures: Any, partial: bool = False) -> list[str]:
@@ -183,18 +227,24 @@ def declaration_problems(declared: str, figures: Any, partial: bool = False) -> 
 
 
 def main() -> None:
-    """List, write or take."""
+    """List, write, take or confirm."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="?", choices=["list", "write", "take"], default="list")
-    parser.add_argument("name", nargs="*", help="files to take")
+    parser.add_argument("what", nargs="?", choices=["list", "write", "take", "confirm"], default="list")
+    parser.add_argument("name", nargs="*", help="files to take or confirm")
+    parser.add_argument("--part", help="what was measured again and is the same, as `40 of 400 bearings, bit for bit`")
     chosen = parser.parse_args()
     if chosen.what == "list":
         for name in names():
             measured = load(name)
             print(f"{measured.age():8} {name:16} {measured.origin}")
         return
+    if chosen.what == "confirm" and not chosen.part:
+        parser.error("confirm needs --part: what was measured again")
     for name in chosen.name:
-        _take(name)
+        if chosen.what == "confirm":
+            _confirm(name, chosen.part)
+        else:
+            _take(name)
     for page in pages():
         page.write_text(with_measured_tables(page.read_text()))
 

@@ -42,6 +42,7 @@ def test_a_file_names_rooms_that_exist_and_figures_that_are_declared(name: str) 
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measured:
     """A checkout with one room, and figures that were measured on its only commit."""
     (tmp_path / "room").write_text("code")
+    (tmp_path / "README.md").write_text("No tables.\n")
     for words in (["init", "-q"], ["add", "room"], ["commit", "-qm", "Start"]):
         subprocess.run([*GIT, *words], cwd=tmp_path, check=True)
     head = subprocess.run([*GIT, "rev-parse", "HEAD"], cwd=tmp_path, check=True, capture_output=True, text=True)
@@ -71,6 +72,23 @@ def test_their_age_is_unknown_without_their_commit_or_git(checkout: Measured, mo
     assert checkout.model_copy(update={"commit": "0" * 40}).age() == "unknown"
     monkeypatch.setenv("PATH", "")
     assert checkout.age() == "unknown"
+
+
+def test_figures_whose_part_was_measured_again_on_later_code_say_so(
+    checkout: Measured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (measured.ROOT / "room").write_text("other code")
+    monkeypatch.setattr("sys.argv", ["measured", "confirm", "example", "--part", "2 of 10, bit for bit"])
+    with pytest.raises(SystemExit, match="not committed"):
+        measured.main()
+    subprocess.run([*GIT, "commit", "-qam", "Change"], cwd=measured.ROOT, check=True)
+    measured.main()
+    confirmed = load("example")
+    assert confirmed.age() == "current"
+    assert confirmed.commit == checkout.commit
+    assert re.search(r"Measured again on .* at commit [0-9a-f]{7}: 2 of 10, bit for bit\.$", confirmed.origin)
+    (measured.ROOT / "room").write_text("still other code")
+    assert confirmed.age() == "stale"
 
 
 def test_make_measured_lists_what_is_stale(
