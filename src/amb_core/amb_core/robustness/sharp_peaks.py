@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.optimize import OptimizeResult, minimize
 
 from amb_core.linear import Arrays, Complexes
@@ -27,6 +28,7 @@ from amb_core.robustness.local_response import LEAST_POWER, LocalResponse, Spect
 
 LEAST_DAMPING = 1e-3  # damping ratio of the modes that are sought
 REACH = 8.0  # half bandwidths to either side, from which lines are taken
+FARTHEST = 0.128  # relative: where lines are taken at most, since a background is not quadratic over more
 RESOLVED = 0.5  # half bandwidths per line, at least, of a mode that can be seen
 _RATIOS = (1.0, 4.0, 16.0)  # damping ratios of the scan over the least one
 _FREE = 2.0  # lines over unknowns, at least
@@ -36,7 +38,10 @@ _EXCITED = 1e-4  # of the largest line of an experiment, from which its referenc
 _NOTHING = 1e-100  # norm of a column that says nothing
 _STEP = 1.5  # of the scan, in half bandwidths
 _POINTS = 33  # of the response at a mode
-_NARROW_BAND = 0.4  # of the half bandwidth of a mode: bands of local polynomials that see it without bias
+_NARROW_BAND = 0.4  # of the half bandwidth of a mode: bands whose parabolas follow it
+_CUBIC = 0.15  # of the cubic term of a mode in a band, that its parabola may take for its middle
+_FEWEST = 3  # values of such bands, that can contradict a fit
+_CONTRADICTS = 4.0  # times their variance, from which their mean square difference does
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ def sharp_response(
     fit = _fit(spectra, mode.frequency, mode.damping, largest)
     if fit is None:
         return None
-    reach = mode.damping * np.linspace(-3.0, 3.0, _POINTS)
+    reach = min(3.0 * mode.damping, FARTHEST) * np.linspace(-1.0, 1.0, _POINTS)
     references = spectra[0][1].shape[1]
     shape = np.stack([1.0 / (1.0 + 1j * reach / mode.damping), np.ones(_POINTS), reach, reach**2], axis=1)
     by_reference = np.zeros((_POINTS, references, len(fit.coefficients)), dtype=np.complex128)
@@ -145,7 +150,7 @@ def sharp_response(
         np.broadcast_to(noise, (_POINTS, signals, signals)),
         np.asarray(spread),
         np.broadcast_to(coherence, (_POINTS, signals)),
-        np.full(_POINTS, REACH * mode.damping * mode.frequency),
+        np.full(_POINTS, _reach(mode.damping) * mode.frequency),
     )
 
 
@@ -167,18 +172,32 @@ def with_sharp_peaks(
     sample_time: float,
     modes: Sequence[SharpMode],
 ) -> LocalResponse:
-    """A response of wide bands, with that of narrow resonances in their places, where the bands are too wide for them.
+    """A response of wide bands, with that of narrow resonances in their places.
 
     A mode on a background is fitted over many of its bandwidths. A broad one has more than a background there, which
-    would bend the values; the bands are then narrow enough.
+    bends the values: where the bands are narrow enough to see it and contradict them, theirs stay.
     """
     for mode in modes:
         near = sharp_response(experiments, sample_time, mode)
-        place = int(np.argmin(np.abs(wide.frequency - mode.frequency)))
-        if near is None or wide.half_band[place] < _NARROW_BAND * mode.damping * mode.frequency:
+        if near is None or _is_contradicted(near, wide, mode):
             continue
         wide = wide.at((wide.frequency < near.frequency[0]) | (wide.frequency > near.frequency[-1])).joined(near)
     return wide
+
+
+def _is_contradicted(near: LocalResponse, wide: LocalResponse, mode: SharpMode) -> bool:
+    """Whether values of wide bands that see a mode differ from its own by more than their noise and their bias."""
+    half_bandwidth = mode.damping * mode.frequency
+    inside = (wide.frequency >= near.frequency[0]) & (wide.frequency <= near.frequency[-1])
+    seen = wide.at(inside & (wide.half_band < _NARROW_BAND * half_bandwidth))
+    if len(seen.frequency) < _FEWEST:
+        return False
+    height = np.abs(near.response - near.response.mean(axis=0)).max(axis=0)
+    bent = _CUBIC * height * (seen.half_band[:, np.newaxis, np.newaxis] / half_bandwidth) ** 3
+    noise, spread = (np.diagonal(part, axis1=1, axis2=2).real for part in (seen.noise, seen.spread))
+    variance = noise[:, :, np.newaxis] * spread[:, np.newaxis, :]
+    difference = np.abs(seen.response - CubicSpline(near.frequency, near.response)(seen.frequency)) ** 2
+    return bool((difference / (variance + bent**2)).mean(axis=0).max() > _CONTRADICTS)
 
 
 def hidden_height(
@@ -212,7 +231,7 @@ def hidden_height(
 
 def _score(spectra: list[Spectrum], at: float, zeta: float, largest: Arrays) -> float:
     """How much more of the signals a mode explains than noise would."""
-    lines = _lines(spectra, at, zeta, at, REACH * zeta, largest)
+    lines = _lines(spectra, at, zeta, at, _reach(zeta), largest)
     if lines is None:
         return 0.0
     columns, modes, signals = lines
@@ -264,7 +283,7 @@ def _fit(
     spectra: list[Spectrum], at: float, zeta: float, largest: Arrays, window: SharpMode | None = None
 ) -> _Fit | None:
     """Least squares at a place, by default from the lines about it; None if they do not determine it."""
-    middle, reach = (at, REACH * zeta) if window is None else (window.frequency, REACH * window.damping)
+    middle, reach = (at, _reach(zeta)) if window is None else (window.frequency, _reach(window.damping))
     lines = _lines(spectra, at, zeta, middle, reach, largest)
     if lines is None:
         return None
@@ -278,6 +297,11 @@ def _fit(
     return _Fit(
         columns, coefficients, covariance, signals - columns @ coefficients, len(columns) - columns.shape[1], count
     )
+
+
+def _reach(zeta: float) -> float:
+    """How far from a mode lines are taken, relative to its frequency."""
+    return min(REACH * zeta, FARTHEST)
 
 
 def _lines(
