@@ -26,7 +26,7 @@ from typer.main import get_command
 from amb_bringup.cli import app
 from amb_bringup.graph.packages import find_executable, share_folder
 from docs.generators.commands import commands
-from tests.benchmarks.robust.emulator import SLOW
+from tests.benchmarks.robust.emulator import slow_rig
 from tests.front_door import entries
 from tests.front_door.results import ROOT, results_file
 
@@ -69,7 +69,7 @@ def main() -> int:
     folder = file.with_suffix("")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    (folder / "slow.yaml").write_text(SLOW)
+    (folder / "slow.yaml").write_text(slow_rig())
     seconds: dict[str, float] = {}
     failed: list[str] = []
     behind: list[subprocess.Popen[bytes]] = []

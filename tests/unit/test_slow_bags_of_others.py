@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from amb_core.data.analysis import read, read_recording
 from amb_core.data.analysis.recorded_regions import classify_run
-from amb_core.ground.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError, RegionError
 from amb_core.identification import identify
 from amb_core.loop.control import ControllerParameters
 
@@ -80,3 +80,13 @@ def test_its_regions_are_those_of_a_slower_loop(bag: Path) -> None:
     assert {state.region.name for state in classified.classification.states} == {"A"}
     assert classified.longer == pytest.approx(4.0)
     assert classified.parameters.update_interval == pytest.approx(0.04)
+
+
+def test_a_loop_too_slow_for_regions_is_named_with_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "slow.csv"
+    time = np.arange(200) / 50.0
+    columns = np.column_stack([time, np.sin(time), 1e-6 * np.cos(time), 1e-6 * np.sin(time)])
+    np.savetxt(file, columns, delimiter=",", header="time [s],i_x [A],x [m],r_x [m]", comments="")
+    recording, _ = read_recording(file)
+    with pytest.raises(RegionError, match=r"slow\.csv, run .*not classified at 50 Hz"):
+        classify_run(recording)

@@ -22,13 +22,20 @@ from tests.benchmarks.robust.records import Size
 from tests.benchmarks.robust.run import SMALLEST
 from tests.benchmarks.robust.swept import AMPLITUDE, IDENTIFICATION, compared
 from tests.front_door.results import results_file
+from tests.graph.rig import free_port
 
 SLOW = """
 /amb/target_emulator:
-  ros__parameters: {real_time_factor: 0.2, plant_waits: true, limits: {missed_steps: 1.0e9, host_time: 1.0e3}}
+  ros__parameters:
+    {{port: {port}, real_time_factor: 0.2, plant_waits: true, limits: {{missed_steps: 1.0e9, host_time: 1.0e3}}}}
 /amb/hardware_bridge:
-  ros__parameters: {link: {timeout: 30.0, silence: 20.0}}
+  ros__parameters: {{link: {{port: {port}, timeout: 30.0, silence: 20.0}}}}
 """  # of docs/how-to/connect-a-rig.md: an ordinary computer does not keep real time
+
+
+def slow_rig() -> str:
+    """Parameters of a slow rig with a port of its own, as other programs run beside it."""
+    return SLOW.format(port=free_port())
 
 
 def main() -> None:
@@ -40,7 +47,7 @@ def main() -> None:
     size = replace(Size(path.with_suffix("")), **SMALLEST if quick else {})
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "slow.yaml"
-        parameters.write_text(SLOW)
+        parameters.write_text(slow_rig())
         rig = GraphChoice(parameters, rig=True, emulator=True)
         identification = excitation_from_request("multisine", IDENTIFICATION | {"duration": size.identification})
         used = _record(identification, Path(folder) / "multisine", rig)

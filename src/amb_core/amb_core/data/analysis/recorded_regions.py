@@ -93,14 +93,15 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     records = [recording.telemetry(run, start, end) for start, end in spans]
     machine = _machine(recording, records[0].axes)
     wanted = _parameters(recording, machine)
-    parameters = wanted.for_sample_time(records[0].sample_time)
     usable = [part for record in records for part in _finite_parts(record)]
-    parts = []
-    for part in usable or records:
-        try:
-            parts.append(classify(part, parameters, machine=machine, delevitated=ended == part.first_step + part.steps))
-        except RegionError as problem:
-            raise RegionError(f"{recording.path}, run {run}: {problem}") from None
+    try:
+        parameters = wanted.for_sample_time(records[0].sample_time)
+        parts = [
+            classify(part, parameters, machine=machine, delevitated=ended == part.first_step + part.steps)
+            for part in usable or records
+        ]
+    except RegionError as problem:
+        raise RegionError(f"{recording.path}, run {run}: {problem}") from None
     return RecordedRegions(
         run,
         _joined(records),
