@@ -29,6 +29,7 @@ from docs.generators.commands import commands
 from tests.benchmarks.robust.emulator import slow_rig
 from tests.front_door import entries
 from tests.front_door.results import ROOT, results_file
+from tests.graph.rig import free_port
 
 PATIENCE = 120.0  # s, for the sign of life of a command behind the others
 
@@ -41,9 +42,16 @@ class CommandSeconds(RootModel[dict[str, float]]):
     """Seconds by command; which commands there are is in `entries.COMMANDS`."""
 
 
-def steps() -> Iterator[tuple[str, bool, list[str]]]:
-    """The lines of the list: text after the bar, whether it runs behind the others, and the words after `amb`."""
-    places = {"config": share_folder("amb_bringup") / "config", "rotor": ROOT / "tests/unit/data/overhung.py"}
+def steps(port: int) -> Iterator[tuple[str, bool, list[str]]]:
+    """The lines of the list: text after the bar, whether it runs behind the others, and the words after `amb`.
+
+    A rig has a port of its own, as other programs run beside this one.
+    """
+    places = {
+        "config": share_folder("amb_bringup") / "config",
+        "rotor": ROOT / "tests/unit/data/overhung.py",
+        "port": port,
+    }
     for line in entries.COMMANDS.strip().splitlines():
         if line == "^C":
             yield line, False, []
@@ -69,14 +77,15 @@ def main() -> int:
     folder = file.with_suffix("")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    (folder / "slow.yaml").write_text(slow_rig())
+    port = free_port()
+    (folder / "slow.yaml").write_text(slow_rig(port))
     seconds: dict[str, float] = {}
     failed: list[str] = []
     behind: list[subprocess.Popen[bytes]] = []
     with domain_id() as domain, chdir(folder):
         os.environ |= {"ROS_DOMAIN_ID": str(domain), "PYTHONUNBUFFERED": "1", "COLUMNS": "120"}
         try:
-            for sign, is_behind, words in steps():
+            for sign, is_behind, words in steps(port):
                 if sign == "^C":
                     end(behind)
                 elif not chosen.only or name_of(words) in chosen.only:

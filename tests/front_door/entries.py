@@ -190,7 +190,7 @@ amb rig reset
 amb rig land
 amb rig off
 amb rig disconnect
-amb rig check --timeout 10 | 3
+amb rig check --port {port} --timeout 10 | 3
 ^C
 """
 """Every command at its smallest, one after the other in a folder of their own.

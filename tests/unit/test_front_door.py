@@ -86,7 +86,7 @@ def test_a_program_calls_its_parts_and_its_figures_are_declared(program) -> None
 
 
 def test_every_command_is_listed() -> None:
-    called = {name_of(words) for _, _, words in steps() if words}
+    called = {name_of(words) for _, _, words in steps(0) if words}
     assert called | set(COMMANDS_ELSEWHERE) == set(dict(commands())), LISTS
     assert not called & set(COMMANDS_ELSEWHERE)
 

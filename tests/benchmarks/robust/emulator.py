@@ -33,9 +33,9 @@ SLOW = """
 """  # of docs/how-to/connect-a-rig.md: an ordinary computer does not keep real time
 
 
-def slow_rig() -> str:
+def slow_rig(port: int) -> str:
     """Parameters of a slow rig with a port of its own, as other programs run beside it."""
-    return SLOW.format(port=free_port())
+    return SLOW.format(port=port)
 
 
 def main() -> None:
@@ -47,7 +47,7 @@ def main() -> None:
     size = replace(Size(path.with_suffix("")), **SMALLEST if quick else {})
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "slow.yaml"
-        parameters.write_text(slow_rig())
+        parameters.write_text(slow_rig(free_port()))
         rig = GraphChoice(parameters, rig=True, emulator=True)
         identification = excitation_from_request("multisine", IDENTIFICATION | {"duration": size.identification})
         used = _record(identification, Path(folder) / "multisine", rig)
