@@ -97,6 +97,15 @@ def test_the_highest_sensitivity_is_dwelt_at_until_it_is_known_to_005_db(broad) 
     assert dwells(data, LAW, BROAD, []) == []
 
 
+def test_dwells_stay_in_the_band_of_the_sweep(loop) -> None:
+    whole = SETTINGS.model_copy(update={"sweep_end": 4_990.0})
+    data = swept(loop, whole.excitation, np.random.default_rng(8))
+    high = SharpMode(4_600.0, 0.02, 50.0, 0.3)
+    chosen = dwells(data, LAW, whole, [high, SharpMode(4_995.0, 0.002, 50.0, 0.3)])
+    assert max(one.frequency_end for one in chosen) == 4_990.0
+    assert all(one.frequency_start > 200.0 for one in chosen)
+
+
 def test_a_broad_resonance_does_not_bend_the_values_about_it() -> None:
     loop = rotor(142.4, 0.0015, 0.142)
     data = swept(loop, BROAD.excitation, np.random.default_rng(7))

@@ -84,7 +84,7 @@ def dwells(
 ) -> list[Sweep]:
     """Narrow sweeps at the resonances that a first sweep shows, the likeliest first, and at the highest S of each axis.
 
-    Neither where it shows none, or knows the highest S to 0.05 dB.
+    Neither where it shows none, or knows the highest S to 0.05 dB. All stay in the band of the first.
 
     Parameters
     ----------
@@ -101,7 +101,11 @@ def dwells(
     inside = sorted((one for one in known if one.damping <= _NARROW), key=lambda one: -one.score)[:MOST_DWELLS]
     measured = measured_sensitivity(data, controller, inside)
     chosen = [*inside, *_highest_unknown(measured, inside)]
-    return [_dwell(one, measured, settings, len(data.output_names)) for one in chosen]
+    return [
+        _dwell(one, measured, settings, len(data.output_names))
+        for one in chosen
+        if settings.sweep_start < one.frequency < settings.sweep_end
+    ]
 
 
 def _highest_unknown(measured: MeasuredSensitivity, dwelt: Sequence[SharpMode]) -> list[SharpMode]:
@@ -135,8 +139,8 @@ def _dwell(mode: SharpMode, measured: MeasuredSensitivity, settings: SweepSettin
     return Sweep(
         amplitude=settings.sweep_amplitude * max(weaker, _WEAKEST),
         duration=axes * seconds * longer,
-        frequency_start=mode.frequency * (1.0 - half),
-        frequency_end=mode.frequency * (1.0 + half),
+        frequency_start=max(mode.frequency * (1.0 - half), settings.sweep_start),
+        frequency_end=min(mode.frequency * (1.0 + half), settings.sweep_end),
         axes="in_turn",
     )
 
