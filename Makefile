@@ -72,8 +72,8 @@ bench: setup  ## speed of plant and loop; writes results/bench.json
 bench-regions: setup  ## regions, excitation design and identification on random cases; writes results/bench_regions.json
 	@$(RUN) python -m tests.benchmarks.regions.run
 
-bench-ident: setup .venv-peers/.complete  ## identification next to other packages (hours); writes results/bench_ident.json
-	@$(RUN) python -m tests.benchmarks.ident.run
+bench-ident: setup .venv-peers/.complete  ## identification next to other packages, and its stated errors (hours); writes results/bench_ident.json and bench_uncertainty.json
+	@$(RUN) python -m tests.benchmarks.uncertainty && python -m tests.benchmarks.ident.run
 
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run

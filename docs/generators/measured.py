@@ -109,7 +109,10 @@ class Measured(BaseModel):
         rows = [[self._cell(cell) for cell in row] for row in table.rows]
         if not table.columns:
             return "\n".join([*(" ".join(row) for row in rows), "", self.origin, ""])
-        head, *body = ("|" + "".join(f" {cell} |" if cell else " |" for cell in row) for row in [table.columns, *rows])
+        head, *body = (
+            "|" + "".join(f" {cell} |" if cell else " |" for cell in row)
+            for row in [[self._cell(column) for column in table.columns], *rows]
+        )
         return "\n".join([head, "|" + "---|" * len(table.columns), *body, "", self.origin, ""])
 
     def _cell(self, text: str) -> str:
@@ -137,11 +140,15 @@ class Measured(BaseModel):
 
 
 class _Cells(Formatter):
-    """`str.format` with a conversion to percent."""
+    """`str.format` with a conversion to percent; what there is none of, is a dash."""
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
         """As in the base class; p multiplies by 100."""
         return 100.0 * value if conversion == "p" else super().convert_field(value, conversion)
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """As in the base class; None is a dash."""
+        return "-" if value is None else super().format_field(value, format_spec)
 
 
 def load(name: str) -> Measured:

@@ -66,7 +66,7 @@ PROGRAMS = (
         "bench_regions.json",
         "tests.benchmarks.regions.figures:BenchRegions",
         ("constant_line", "constant_line_drift", "dead_time", "design", "drift_identification", "lamination",
-         "light_damping", "planted", "slow_line", "turning_map"),
+         "light_damping", "paper_sweeps", "planted", "slow_line", "turning_map"),
         37.0,
     ),
     Program(
@@ -75,6 +75,12 @@ PROGRAMS = (
         "tests.benchmarks.ident.figures:BenchIdent",
         ("bound", "worker"),
         40.0,
+    ),
+    Program(
+        "tests.benchmarks.uncertainty",
+        "bench_uncertainty.json",
+        "tests.benchmarks.uncertainty:BenchUncertainty",
+        seconds=12.0,
     ),
     Program(
         "tests.benchmarks.first_hour.run",
@@ -135,7 +141,7 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
     "floor": Left("the unit tests again, in an environment of older packages: half an hour, before a release"),
     "bench": ("tests.benchmarks.run",),
     "bench-regions": ("tests.benchmarks.regions.run",),
-    "bench-ident": ("tests.benchmarks.ident.run",),
+    "bench-ident": ("tests.benchmarks.uncertainty", "tests.benchmarks.ident.run"),
     "bench-view": ("tests.benchmarks.first_hour.run",),
     "bench-robust": ("tests.benchmarks.robust.run", "tests.benchmarks.robust.emulator"),
     "bench-verdicts": ("tests.benchmarks.verdicts.run",),

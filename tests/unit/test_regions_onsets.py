@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from amb_core.regions import Region, classify
+from amb_core.regions import Onset, Region, classify
 from amb_core.regions.slow_signal import variance_change
 from amb_core.regions.trend import TrendTest, kink
 from tests import synthetic_telemetry as synthetic
@@ -34,9 +34,13 @@ def judge(case: Case) -> str:
         return "quiet"
     if planted not in onsets:
         return "missed"
-    truth = case.frequency[case.onset]
-    error = onsets[planted].input_frequency / truth - 1.0
-    return "found" if abs(error) <= 0.02 else f"off by {error:+.1%} at {truth:.0f} Hz"
+    error = error_of(case, onsets[planted])
+    return "found" if abs(error) <= 0.02 else f"off by {error:+.1%} at {case.frequency[case.onset]:.0f} Hz"
+
+
+def error_of(case: Case, onset: Onset) -> float:
+    """Relative error of the frequency at which the planted region was found."""
+    return float(onset.input_frequency / case.frequency[case.onset] - 1.0)
 
 
 def outcomes(seed: int, cases: int) -> Counter[tuple[str, str]]:

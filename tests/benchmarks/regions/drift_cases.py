@@ -31,13 +31,14 @@ Matrices = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], 
 
 @dataclass(frozen=True)
 class Case:
-    """One run: bearing, excitation, shape of the drift (empty for none), and seed of all random numbers."""
+    """One run: bearing, excitation, shape of the drift (empty for none), seed of all random numbers; whether cured."""
 
     bearing: str
     excitation: str
     drift: str
     seed: int
     steps: int = STEPS
+    cure: bool = True
 
 
 @dataclass(frozen=True)

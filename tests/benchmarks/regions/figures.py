@@ -47,6 +47,8 @@ class Planted(Figures):
     planted: int
     found: int
     false: int
+    error_percent: float | None
+    error_percent_largest: float | None
 
 
 class DesignSeeds(Figures):
@@ -88,6 +90,8 @@ class DriftIdentification(Figures):
     error_ratio: float
     error_ratio_median: float
     worst: str
+    uncured_error_ratio_least: float
+    uncured_error_ratio: float
     seeds: list[int]
 
 
@@ -115,6 +119,26 @@ class Lamination(Figures):
     seed: int
 
 
+class Onsets(Figures):
+    """Frequencies (Hz) at which regions begin, one for each amplitude; None where there is no such region."""
+
+    b: list[float | None]
+    c: list[float | None]
+    d: list[float | None]
+
+
+class PaperSweeps(Figures):
+    """The paper's sweep, and what changes it; amplitudes in um."""
+
+    amplitudes: list[int]
+    paper: Onsets
+    limit_10_a: Onsets
+    no_gravity: Onsets
+    on_measurement: Onsets
+    top_coil: Onsets
+    top_coil_10_a: Onsets
+
+
 class BenchRegions(Figures):
     """All of it."""
 
@@ -128,3 +152,4 @@ class BenchRegions(Figures):
     drift_identification: DriftIdentification
     dead_time: DeadTime
     lamination: Lamination
+    paper_sweeps: PaperSweeps

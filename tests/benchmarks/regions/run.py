@@ -32,6 +32,7 @@ SUBJECTS: dict[str, dict[str, float]] = {
     "drift_identification": {"seeds": 1, "steps": 3_000, "every": 4},
     "dead_time": {"bearings": 3, "steps": 1_000},
     "lamination": {"terms": 1, "plants": 1},
+    "paper_sweeps": {"amplitudes": 1, "sweep_end": 100.0},
 }
 """The subjects, each with its smallest size, which `--quick` takes; see `figures.BenchRegions`."""
 
