@@ -57,6 +57,15 @@ def test_saving_and_loading_keeps_every_bit(tmp_path: Path, ending: str, fit: li
     assert_identical(model, StateSpaceModel.load(tmp_path / f"model.{ending}"))
 
 
+def test_a_model_is_read_from_its_folder_of_results(tmp_path: Path) -> None:
+    model = random_model()
+    model.save(tmp_path / "model.json")
+    assert_identical(model, StateSpaceModel.load(tmp_path))
+    (tmp_path / "model.json").unlink()
+    with pytest.raises(IdentificationError, match=r"model .*model\.json: cannot be read: No such file"):
+        StateSpaceModel.load(tmp_path)
+
+
 def test_the_json_file_is_strict_json_with_the_names_of_the_message(tmp_path: Path) -> None:
     random_model().save(tmp_path / "model.json")
 

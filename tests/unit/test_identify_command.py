@@ -62,6 +62,18 @@ def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
     )
 
 
+def test_a_model_of_data_that_are_too_few_for_its_validation_says_why_it_is_not_validated(
+    bearing, tmp_path: Path
+) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    write_data(IdentificationData.from_record(record).window(0, 200), tmp_path / "short.npz")
+    shown = run(tmp_path / "short.npz", "--order", "4", "--out", tmp_path / "results")
+    why = "200 samples are too few to test residuals over 25 lags; at least 250 are needed"
+    assert why in " ".join(shown.replace("│", " ").split())
+    summary = json.loads((tmp_path / "results" / "summary.json").read_text())
+    assert summary["verdict"] == "not validated" and why in summary["not_validated_because"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

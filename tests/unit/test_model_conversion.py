@@ -45,13 +45,16 @@ def test_an_idss_of_matlab_is_a_model(bearing: LinearBearing, tmp_path: Path) ->
     assert (read.input_names, read.output_names, read.sample_time) == (("i_x", "i_y"), ("x", "y"), model.sample_time)
     assert (read.input_units, read.output_units) == (("A", "A"), ("m", "m"))
     assert not any(part.any() for part in (read.input_offset, read.output_offset, read.initial_state))
+    del matrices["K"]
+    io.savemat(tmp_path / "plant.mat", {**matrices, **cells, "Ts": model.sample_time})
+    assert not StateSpaceModel.load(tmp_path / "plant.mat").k.any(), "an ss, which has no noise"
 
 
 def test_a_mat_file_without_a_model_is_refused_in_one_line(tmp_path: Path) -> None:
     io.savemat(tmp_path / "other.mat", {"A": np.eye(2)})
     (tmp_path / "damaged.mat").write_bytes((tmp_path / "other.mat").read_bytes()[:150])
     for name, reason in (
-        ("other", "lacks B, C, D, K, Ts, InputName, OutputName; a model is .*; found A"),
+        ("other", "lacks B, C, D, Ts, InputName, OutputName; a model is .*; found A"),
         ("damaged", "(is damaged or of another kind|cannot be read)"),
     ):
         with pytest.raises(IdentificationError, match=rf"model .*{name}\.mat: {reason}") as refusal:

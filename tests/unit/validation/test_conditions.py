@@ -10,7 +10,8 @@ import pytest
 from scipy.signal import lfilter
 
 from amb_core.data.experiments import detrend
-from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
+from amb_core.ground.errors import IdentificationError
+from amb_core.identification import IdentificationData, StateSpaceModel, Validation, to_continuous, validate
 from amb_core.identification.estimate.predictor import kalman_gain
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation import Condition, Verdict, predict
@@ -19,6 +20,7 @@ from amb_core.identification.validation.model_error import response_errors
 from amb_core.identification.validation.overlap import fingerprint_of, overlap
 from amb_core.identification.validation.ringing import Ringing, find_ringing
 from amb_core.identification.validation.verdict import worst_of
+from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.report.pages.document import Section, TableBlock, text_of
 from amb_core.report.pages.validation import validation_section, verdict_badge
@@ -46,6 +48,29 @@ def test_the_verdict_is_the_worst_of_its_conditions() -> None:
     assert of(good, good) is good and of(good, limited, good) is limited and of(limited, bad, good) is bad
     assert of() is bad, "nothing was checked"
     assert [level.code for level in Verdict] == ["validated", "validated_with_reservations", "not_validated"]
+
+
+def test_a_true_plant_without_a_noise_part_is_validated_with_that_reservation_alone(
+    bearing, model: StateSpaceModel, data: IdentificationData
+) -> None:
+    plant = bearing.model
+    bare = replace(model, k=np.zeros_like(model.k), innovation_covariance=np.zeros((2, 2)))
+    system = LinearSystem(plant.a, plant.b, plant.c, plant.d, plant.sample_time)
+    for given in (bare, system, system.to_control()):
+        validation = validate(given, data, CONTROLLER)
+        assert [(one.key, one.level) for one in validation.failed] == [("noise_model", Verdict.RESERVATIONS)]
+        assert validation.one_step_fit == pytest.approx(validate(model, data, CONTROLLER).one_step_fit, abs=0.01)
+    validation = validate(replace(bare, b=1.1 * bare.b), data, CONTROLLER)
+    assert not validation.validated and condition(validation, "deviations").level is Verdict.NOT_VALIDATED
+
+
+def test_a_plant_in_continuous_time_is_taken_with_held_inputs(
+    bearing, model: StateSpaceModel, data: IdentificationData
+) -> None:
+    plant = LinearSystem.from_control(to_continuous(model))
+    assert [one.key for one in validate(plant, data, CONTROLLER).failed] == ["noise_model"]
+    with pytest.raises(IdentificationError, match="the data have 2 inputs and 2 outputs, the model 1 and 2"):
+        validate(plant.part(slice(None), [0]), data, CONTROLLER)
 
 
 @pytest.fixture(scope="module")

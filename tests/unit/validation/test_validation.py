@@ -209,9 +209,24 @@ def test_horizons_are_those_that_the_shortest_experiment_allows_unless_they_are_
 
 def test_a_model_without_stable_predictor_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
     with pytest.raises(IdentificationError, match=r"predictor of the model is unstable \(spectral radius"):
-        validate(replace(model, k=np.zeros((6, 2))), data, CONTROLLER)
+        validate(replace(model, k=1e-6 * model.k), data, CONTROLLER)
 
 
 def test_a_controller_of_another_rate_is_refused(data: IdentificationData, model: StateSpaceModel) -> None:
     with pytest.raises(IdentificationError, match="must have one sample time"):
         validate(model, data, ControllerParameters(sample_rate=20_000.0))
+
+
+@pytest.mark.parametrize("pole", [3.0, 1e4])
+def test_a_model_with_a_pole_far_outside_is_not_validated_and_its_predictions_stay_numbers(pole: float) -> None:
+    random = np.random.default_rng(0)
+    data = IdentificationData.from_arrays(random.normal(size=(2_000, 2)), random.normal(size=(2_000, 2)), 1e-4)
+    a, zero = np.diag([0.5, pole]), np.zeros(2)
+    far = StateSpaceModel(
+        a, np.eye(2), np.eye(2), np.zeros((2, 2)), a - 0.1 * np.eye(2), np.eye(2), zero, zero, zero, 1e-4,
+        input_names=data.input_names, output_names=data.output_names,
+        input_units=data.input_units, output_units=data.output_units,
+    )  # fmt: skip
+    validation = validate(far, data)
+    assert not validation.validated
+    assert np.isfinite(validation.prediction.fit).all()

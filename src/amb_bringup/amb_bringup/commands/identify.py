@@ -191,6 +191,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
         and {"removed": result.drift.summary, "corner": result.drift.corner, "steps": result.drift.steps},
         "tones": result.tones and {"removed": result.tones.summary, "frequencies": result.tones.frequencies},
         "verdict": result.verdict,
+        "not_validated_because": result.not_validated_because or None,
         "conditions": None if result.validation is None else result.validation.as_dict()["conditions"],
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
         "closed_loop_poles": result.closed_loop_poles,
@@ -266,7 +267,10 @@ def _add_ending(table: Table, result: Identification) -> None:
         table.add_row("closed loop", "stable" if result.stable else Text("unstable", "red"))
     colour = "red" if result.verdict is Verdict.NOT_VALIDATED else "yellow"
     table.add_row("verdict", Text(f"{result.verdict} on the data of the estimate", colour))
-    for condition in () if result.validation is None else result.validation.failed:
+    if result.validation is None:
+        table.add_row("", result.not_validated_because)
+        return
+    for condition in result.validation.failed:
         table.add_row("", f"{condition.name}: {condition.finding}")
 
 

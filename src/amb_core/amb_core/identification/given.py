@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeAlias, overload
+import re
+from typing import TYPE_CHECKING, Protocol, TypeAlias, TypeGuard, overload
+
+import numpy as np
 
 from amb_core.data.controller_choice import named_controller, with_shown_limit
 from amb_core.data.experiments import IdentificationData, RecordedLoop
@@ -11,6 +14,7 @@ from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.state_space import StateSpaceModel
+from amb_core.linear.sampling import discretised
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord, sample_rate_of
@@ -43,12 +47,17 @@ class Identified(Protocol):
         """How the search ended; None without one."""
 
 
-Model: TypeAlias = StateSpaceModel | Identified
-"""A model, or the result of its identification."""
+Model: TypeAlias = "StateSpaceModel | Identified | LinearSystem | control.StateSpace"
+"""A model, the result of its identification, or a plant of one's own, from currents to positions, that has no noise."""
 Data: TypeAlias = LoopRecord | IdentificationData | RecordedLoop
 """Data of a loop: simulated, from arrays, or from a file or bag with what is known of it."""
 Controller: TypeAlias = "KnownController | LinearSystem | control.StateSpace | str"
 """Parameters of the PD law, a linear law, a design of python-control, or a name as `named_controller` takes."""
+
+
+def is_identified(model: Model) -> TypeGuard[Identified]:
+    """Whether it is the result of an identification."""
+    return hasattr(model, "uncertainty")
 
 
 def given_loop(data: Data) -> RecordedLoop:
@@ -71,21 +80,60 @@ def given_loop(data: Data) -> RecordedLoop:
     )
 
 
-def given_model(model: Model) -> StateSpaceModel:
-    """The model itself.
+def given_model(model: Model, data: IdentificationData | None = None) -> StateSpaceModel:
+    """The model itself; of a plant of one's own the model about the means of the data, without a gain.
+
+    Parameters
+    ----------
+    model : StateSpaceModel, Identified, LinearSystem or control.StateSpace
+        As `Model`. A plant in continuous time is taken with inputs held over the samples of the data.
+    data : IdentificationData, optional
+        Data of the loop, which give a plant its operating point, and names and units where it has none.
 
     Raises
     ------
     IdentificationError
-        If it is something else.
+        If it is something else, or a plant does not suit the data or comes without any.
     """
-    inner = getattr(model, "model", model)
+    inner = model.model if is_identified(model) else model
     if isinstance(inner, StateSpaceModel):
         return inner
+    if isinstance(inner, LinearSystem) or hasattr(inner, "A"):
+        plant = inner if isinstance(inner, LinearSystem) else _without_counted_names(LinearSystem.from_control(inner))
+        if data is None:
+            raise IdentificationError(f"model: {_kind(model)} has no operating point of its own; give data of its loop")
+        return _about_means(plant, data)
     raise IdentificationError(
-        f"model: {_kind(model)} is not allowed; allowed: the result of identify, or a StateSpaceModel; files: "
-        "StateSpaceModel.load(path)"
+        f"model: {_kind(model)} is not allowed; allowed: the result of identify, a StateSpaceModel, a LinearSystem, or "
+        "a state-space system of python-control; files: StateSpaceModel.load(path)"
     )
+
+
+def _without_counted_names(plant: LinearSystem) -> LinearSystem:
+    """Without the names u[0], y[0] that python-control gives where there are none."""
+    given = (plant.input_names, plant.output_names)
+    counted = [all(re.fullmatch(r"\w\[\d+\]", name) for name in names) for names in given]
+    inputs, outputs = (() if of_its_own else names for names, of_its_own in zip(given, counted, strict=True))
+    return LinearSystem(plant.a, plant.b, plant.c, plant.d, plant.sample_time, inputs, outputs)
+
+
+def _about_means(plant: LinearSystem, data: IdentificationData) -> StateSpaceModel:
+    """A plant as a model without a gain whose operating point are the means of the data."""
+    here, there = (len(data.input_names), len(data.output_names)), (plant.inputs, plant.outputs)
+    if here != there:
+        raise IdentificationError(
+            f"the data have {here[0]} inputs and {here[1]} outputs, the model {there[0]} and {there[1]}"
+        )
+    sampled = plant if plant.sample_time else discretised(plant, data.sample_time)
+    n, p = len(sampled.a), sampled.outputs
+    inputs, outputs = (np.vstack([getattr(item, kind) for item in data.experiments]) for kind in ("inputs", "outputs"))
+    return StateSpaceModel(
+        sampled.a, sampled.b, sampled.c, sampled.d, np.zeros((n, p)), np.zeros((p, p)),
+        np.nanmean(inputs, axis=0), np.nanmean(outputs, axis=0), np.zeros(n), sampled.sample_time,
+        input_names=plant.input_names or data.input_names, output_names=plant.output_names or data.output_names,
+        input_units=plant.input_units or data.input_units, output_units=plant.output_units or data.output_units,
+        method="given",
+    )  # fmt: skip
 
 
 @overload

@@ -96,13 +96,22 @@ class Identification(Result):
         """On the data of the estimate, and so with reservations at best: that of `validation`."""
         return Verdict.NOT_VALIDATED if self.validation is None else self.validation.verdict
 
-    @cached_property
+    @property
     def validation(self) -> Validation | None:
-        """The validation on the data of the estimate; None where these are too few for it."""
+        """The validation on the data of the estimate; None where it is not possible, see `not_validated_because`."""
+        return self._validation[0]
+
+    @property
+    def not_validated_because(self) -> str:
+        """Why the data of the estimate allow no validation, such as too few of them; empty where there is one."""
+        return self._validation[1]
+
+    @cached_property
+    def _validation(self) -> tuple[Validation | None, str]:
         try:
-            return self.validated()
-        except IdentificationError:
-            return None
+            return self.validated(), ""
+        except IdentificationError as problem:
+            return None, str(problem)
 
     def validated(self, plant: PlantParameters | None = None) -> Validation:
         """Validate on the data of the estimate, with all that is known of it.
@@ -131,7 +140,9 @@ class Identification(Result):
         """Size of model and data, and the conditions of the validation."""
         poles = ", ".join(f"{pole:.6g}" for pole in self.model.unstable_poles()) or "none"
         rows = [("order", f"{self.model.order}"), ("samples", f"{self.model.samples}"), ("unstable poles z", poles)]
-        return rows if self.validation is None else [*rows, *self.validation.rows]
+        if self.validation is None:
+            return [*rows, ("verdict", f"{self.verdict}: {self.not_validated_because}")]
+        return [*rows, *self.validation.rows]
 
     @property
     def summary(self) -> str:
@@ -148,8 +159,9 @@ class Identification(Result):
             )
         else:
             fit = "no reference to simulate the closed loop with"
+        because = f" ({self.not_validated_because})" if self.not_validated_because else ""
         parts = [
-            f"{self.verdict} on the data of the estimate: {self.model.method}, order {self.model.order}, "
+            f"{self.verdict} on the data of the estimate{because}: {self.model.method}, order {self.model.order}, "
             f"{self.model.samples} samples: {fit}",
             f"{len(self.model.unstable_poles())} unstable plant poles",
         ]

@@ -26,6 +26,7 @@ from amb_core.linear.simulation import state_sequence
 
 _CURVE_POINTS = 20  # horizons between the first and the last requested one, for the curve of fit over horizon
 _MEMORY = 5_000  # samples from which the first state of an experiment is estimated
+_FARTHEST = 1e100  # of a state, whose square is still a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +111,19 @@ def predict(model: StateSpaceModel, data: IdentificationData, horizons: Iterable
     fits = []
     for horizon in range(1, wanted[-1] + 1):
         if horizon > 1:
-            states = [x[:-1] @ model.a.T + u[horizon - 2 : -1] @ model.b.T for u, x in zip(inputs, states, strict=True)]
+            states = [_next(model, x, u[horizon - 2 : -1]) for u, x in zip(inputs, states, strict=True)]
         if horizon in all_horizons:
             modelled = [x @ model.c.T + u[horizon - 1 :] @ model.d.T for u, x in zip(inputs, states, strict=True)]
             fits.append(nrmse_fit(np.vstack([y[horizon - 1 :] for y in measured]), np.vstack(modelled)))
     return Prediction(all_horizons, np.array(fits), residuals, first_states)
+
+
+def _next(model: StateSpaceModel, states: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """States one step ahead; those that grow beyond all numbers, of a model with a pole far outside, stay numbers."""
+    ahead = states[:-1] @ model.a.T + inputs @ model.b.T
+    if not -_FARTHEST < ahead.min() <= ahead.max() < _FARTHEST:
+        ahead = np.clip(ahead, -_FARTHEST, _FARTHEST)
+    return np.asarray(ahead)
 
 
 def first_state(
@@ -164,7 +173,7 @@ def predicted_states(
     if not radius < 1.0:
         raise IdentificationError(
             f"the predictor of the model is unstable (spectral radius of A - K C {radius:.6g}) and cannot predict; "
-            "estimate the gain K with the model, as all methods here do"
+            "estimate the gain K with the model, as all methods here do, or validate the model without it, K = 0"
         )
     gains = np.hstack([model.b - model.k @ model.d, model.k])
     return state_sequence(predictor, gains, np.hstack([inputs, outputs]), state)

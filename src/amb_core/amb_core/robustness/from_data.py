@@ -17,9 +17,18 @@ from amb_core.data.experiments.drift import cure_drift
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import AmbError, RobustnessError
 from amb_core.identification.controller_check import check_controller
-from amb_core.identification.given import Controller, Data, Model, given_controller, given_loop, given_model
+from amb_core.identification.given import (
+    Controller,
+    Data,
+    Model,
+    given_controller,
+    given_loop,
+    given_model,
+    is_identified,
+)
 from amb_core.identification.uncertainty import ModelUncertainty, uncertainty_of
 from amb_core.identification.validation import Validation, validate
+from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
@@ -49,8 +58,8 @@ def certify_from_data(
 
     Parameters
     ----------
-    model : StateSpaceModel or Identification
-        The identified model, or the result of its identification.
+    model : StateSpaceModel, Identification, LinearSystem or control.StateSpace
+        The identified model, the result of its identification, or a plant of one's own from currents to positions.
     controller : KnownController, LinearSystem, control.StateSpace or str, optional
         The controller to certify, or its name; it may differ from that of the experiments. By default that of the data.
     data : LoopRecord, IdentificationData or RecordedLoop, optional
@@ -87,6 +96,9 @@ def certify_from_data(
     feedback = require_fitting(model, law, settings or RobustnessSettings())
     if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)
+    plain = model
+    if (any_loop := identified_from or judged_on) is not None:
+        model = with_noise_model(model, any_loop.data)
     if swept is not None and swept.controller is None:
         raise RobustnessError("the controller of the swept sine is not known")
     judged = judged_on or identified_from
@@ -97,8 +109,8 @@ def certify_from_data(
         uncertainty = uncertainty_of(model, calm if cure is None else cure.data)
     if judged is not None and validation is None:
         progress("validating")
-        known = model
-        if identified_from is not None and not len(model.fingerprint):  # of an old file
+        known = plain
+        if identified_from is not None and not len(plain.fingerprint) and np.any(plain.k):  # of an old file
             noise = np.sqrt(np.diag(model.innovation_covariance))
             known = replace(model, fingerprint=fingerprint_of(identified_from.data, noise))
         validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
@@ -128,8 +140,9 @@ def _given(
 ) -> tuple[StateSpaceModel, KnownController, Recorded | None, Recorded | None, ModelUncertainty | None]:
     """Model, controller to certify, data with their controllers, and uncertainty."""
     used, judged = (None if item is None else given_loop(item) for item in (data, validation_data))
-    plain = given_model(model)
-    if not isinstance(model, StateSpaceModel):
+    any_loop = used or judged
+    plain = given_model(model, None if any_loop is None else any_loop.data)
+    if is_identified(model):
         used = used or Recorded(model.data, model.controller)
         uncertainty = uncertainty or model.uncertainty
     recorded = next((one.controller for one in (judged, used) if one is not None and one.controller is not None), None)

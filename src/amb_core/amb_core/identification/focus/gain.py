@@ -21,12 +21,16 @@ Arrays = NDArray[np.float64]
 
 
 def fit_kalman_gain(
-    model: StateSpaceModel, inputs: Sequence[Arrays], outputs: Sequence[Arrays], initial_states: Arrays
+    model: StateSpaceModel,
+    inputs: Sequence[Arrays],
+    outputs: Sequence[Arrays],
+    initial_states: Arrays,
+    start: Arrays | None = None,
 ) -> StateSpaceModel:
     """The model with new estimates of K and of the covariance of the innovations; everything else is unchanged.
 
-    Errors are weighted by the inverse of their covariance with the gain at the start. This is the model's own K if it
-    makes a stable predictor, otherwise the gain of the Kalman filter for the same noise.
+    Errors are weighted by the inverse of their covariance with the gain at the start. This is by default the model's
+    own K if it makes a stable predictor, otherwise the gain of the Kalman filter for the same noise.
 
     Parameters
     ----------
@@ -36,6 +40,8 @@ def fit_kalman_gain(
         Currents (A) and positions (m) of each experiment, without the offsets of the model.
     initial_states : ndarray, shape (experiments, n)
         State at the first sample of each.
+    start : ndarray, shape (n, p), optional
+        Gain to start from, which makes a stable predictor (1/m).
 
     Raises
     ------
@@ -44,10 +50,7 @@ def fit_kalman_gain(
     """
     lengths = [len(part) for part in inputs]
     joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)
-    # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
-    root = linalg.cholesky(model.innovation_covariance, lower=True)
-    unit, gain = np.linalg.inv(root), model.k @ root
-    first = kalman_gain(model.a, unit @ model.c, gain @ gain.T, np.eye(len(root)), gain) @ unit
+    first = _gain_of_noise(model) if start is None else start
 
     def errors_of(k: Arrays) -> Arrays:
         return innovations(model.a, model.b, model.c, k, initial_states, joined_inputs, joined_outputs, lengths)
@@ -76,3 +79,11 @@ def fit_kalman_gain(
     k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN).point
     errors = errors_of(k)
     return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))
+
+
+def _gain_of_noise(model: StateSpaceModel) -> Arrays:
+    """That of the Kalman filter for the noise of the model."""
+    # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
+    root = linalg.cholesky(model.innovation_covariance, lower=True)
+    unit, gain = np.linalg.inv(root), model.k @ root
+    return kalman_gain(model.a, unit @ model.c, gain @ gain.T, np.eye(len(root)), gain) @ unit

@@ -295,6 +295,16 @@ def _decided(measures: Measures) -> Condition:
     return Condition(key, name, measures.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
 
 
+def _noise(measures: Measures) -> Condition:
+    key, name = "noise_model", "the model has a noise part of its own"
+    limit = "a gain K"
+    if not measures.noise_from_data:
+        return Condition(key, name, "it has", limit)
+    finding = "it has none, K = 0: for the predictions one was estimated from these data"
+    advice = "none is needed for the design of a controller; to predict, identify the model, or give it a gain"
+    return Condition(key, name, finding, limit, _RESERVED, advice)
+
+
 Rule = Callable[[Measures], Condition]
 
 RULES: tuple[tuple[Rule, str, str, str], ...] = (
@@ -326,6 +336,8 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
      "reservations"),
     (_converged, "convergence", "the search of `pem`, right after an identification", "reservations"),
     (_decided, "stability of poles", "an interval of 99 % of a pole contains 1, right after an identification",
+     "reservations"),
+    (_noise, "noise part", "a model without a gain, K = 0, gets one from the data, with which the rest is judged",
      "reservations"),
 )  # fmt: skip
 """Each rule with its name, what is done, and what a failure does: the table of the documentation."""

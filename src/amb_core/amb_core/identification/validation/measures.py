@@ -72,6 +72,8 @@ class Measures(Result):
         Frequencies (Hz) of tones that were removed from the data before all else, see `cure_tones`.
     undecided : str or None
         What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
+    noise_from_data : bool
+        Whether the model came without a gain K, which was then estimated from these data.
     """
 
     model: StateSpaceModel
@@ -95,6 +97,7 @@ class Measures(Result):
     undecided: str | None = None
     tones: tuple[Tone, ...] = ()
     removed_tones: tuple[float, ...] = ()
+    noise_from_data: bool = False
 
     @property
     def fit(self) -> NDArray[np.float64]:

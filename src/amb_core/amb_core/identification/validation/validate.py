@@ -15,13 +15,22 @@ from amb_core.data.experiments.checks import check_recording, evidence_of
 from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.controller_check import NOT_CHECKED, check_controller
-from amb_core.identification.given import Controller, Data, Model, given_controller, given_loop, given_model
+from amb_core.identification.given import (
+    Controller,
+    Data,
+    Model,
+    given_controller,
+    given_loop,
+    given_model,
+    is_identified,
+)
 from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import effects_of, find_deviations
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
 from amb_core.identification.validation.model_error import response_errors
+from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import overlap
 from amb_core.identification.validation.residuals import LAGS, check_residuals
 from amb_core.identification.validation.ringing import LONGEST, Ringing, find_ringing
@@ -54,8 +63,10 @@ def validate(
 
     Parameters
     ----------
-    model : StateSpaceModel or Identification
-        The model, or the result of its identification; its predictor must be stable.
+    model : StateSpaceModel, Identification, LinearSystem or control.StateSpace
+        The model, or the result of its identification; or a plant of one's own from currents to positions, whose
+        operating point then are the means of the data. A gain K must make a stable predictor; without one, K = 0, it is
+        estimated from the data, which the verdict says.
     data : LoopRecord, IdentificationData or RecordedLoop
         Data with the model's signals and sample time; the last is what `amb_core.read` returns.
     controller : KnownController, LinearSystem, control.StateSpace or str, optional
@@ -83,8 +94,8 @@ def validate(
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
     loop, identified = given_loop(data), model
-    model = given_model(model)
-    if not isinstance(identified, StateSpaceModel):
+    model = given_model(model, loop.data)
+    if is_identified(identified):
         uncertainty, search = uncertainty or identified.uncertainty, search or identified.search
     law = given_controller(controller, loop.data.sample_time, loop.data) or loop.controller
     plant = plant or loop.plant
@@ -114,6 +125,7 @@ def _validate(
         controller.require_axes(len(data.output_names))
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with one_blas_thread():
+        given, model = model, with_noise_model(model, data)
         prediction = predict(model, data, horizons)
         references = [item.inputs if in_open_loop(data) else item.reference for item in data.experiments]
         quiet = [undisturbed(model, *pair) for pair in zip(prediction.residuals, references, strict=True)]
@@ -155,6 +167,7 @@ def _validate(
         undecided=uncertainty.at_one if uncertainty is not None else None,
         tones=max(quiet, key=lambda one: len(one.errors)).tones,
         removed_tones=() if cure is None else cure.frequencies,
+        noise_from_data=model is not given,
     )
 
 

@@ -51,6 +51,8 @@ class Validation(JudgedMeasures):
         How the search of the identification ended, where it is known. None otherwise.
     undecided : str or None
         What the uncertainty says of poles whose stability is not decided; empty if there is nothing, None without it.
+    noise_from_data : bool
+        Whether the model came without a gain K, which was then estimated from these data.
     """
 
     @property

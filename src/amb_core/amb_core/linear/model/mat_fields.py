@@ -28,7 +28,7 @@ _NAMES = {
     "input_units": "InputUnit",
     "output_units": "OutputUnit",
 }
-_NEEDED = ("A", "B", "C", "D", "K", "Ts", "InputName", "OutputName")
+_NEEDED = ("A", "B", "C", "D", "Ts", "InputName", "OutputName")
 _TEXTS = {"method": "Method", "source": "Source"}
 
 
@@ -45,7 +45,7 @@ def variables_of(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a model from variables of `variables_of`, or from those of a MATLAB `idss` alone.
+    """The fields of a model from variables of `variables_of`, or from those of a MATLAB `idss` or, without K, `ss`.
 
     Raises
     ------
@@ -56,10 +56,12 @@ def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
     if missing:
         present = ", ".join(sorted(variables)) or "nothing"
         raise IdentificationError(
-            f"lacks {', '.join(missing)}; a model is {', '.join(_NEEDED)}, such as those of an idss; found {present}"
+            f"lacks {', '.join(missing)}; a model is {', '.join(_NEEDED)}, such as those of an idss, which has K too; "
+            f"found {present}"
         )
     inputs, outputs, states = (variables[name].shape[axis] for name, axis in (("B", 1), ("C", 0), ("A", 0)))
     values = {
+        "k": np.zeros((states, outputs)),
         "innovation_covariance": np.zeros((outputs, outputs)),
         "input_offset": np.zeros(inputs),
         "output_offset": np.zeros(outputs),

@@ -28,6 +28,8 @@ from amb_core.linear.model.mat_fields import fields_of, variables_of
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
 _LATER = (*_UNITS, "fingerprint")  # fields that old files lack
+IN_FOLDER = "model.json"
+"""The model in a folder of results."""
 LARGEST = 64 * MIB
 """Largest model in JSON that is read; one of order 100 takes about 0.5 MiB."""
 _ARRAYS = (
@@ -190,7 +192,7 @@ class StateSpaceModel(LinearSystem):
         Parameters
         ----------
         path : str or Path
-            File of a format that `save` writes.
+            File of a format that `save` writes, or a folder of results with a model.json.
 
         Returns
         -------
@@ -203,6 +205,8 @@ class StateSpaceModel(LinearSystem):
             If the file cannot be read or does not contain a model.
         """
         path = Path(path)
+        if path.is_dir():
+            path /= IN_FOLDER
         ending = _ending(path)
         with reading("model", path):
             if ending == ".npz":
