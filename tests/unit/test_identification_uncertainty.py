@@ -22,6 +22,7 @@ from amb_core.identification import (
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.prediction import first_state, predict
 from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.loop.control import ControllerParameters
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -286,7 +287,7 @@ def test_what_does_not_suit_is_refused(bearing: LinearBearing) -> None:
         estimate_uncertainty(model, data.select(inputs=["u1"]))
     with pytest.raises(IdentificationError, match="9 samples are too few for the 21 unknowns"):
         estimate_uncertainty(model, data.window(0, 9))
-    with pytest.raises(IdentificationError, match="no uncertainty of the model of order 3"):
+    with pytest.raises(IdentificationError, match="the data do not determine how accurate the model of order 3 is"):
         estimate_uncertainty(replace(model, innovation_covariance=np.zeros((2, 2))), data)
 
 
@@ -295,3 +296,12 @@ def test_a_state_that_the_data_do_not_see_is_refused() -> None:
     unseen = replace(model, c=model.c * [1.0, 1.0, 0.0], a=np.diag([0.5, 0.3, 0.1]), k=np.zeros((3, 2)))
     with pytest.raises(IdentificationError, match="lower the order"):
         estimate_uncertainty(unseen, simulated(model, 500))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_model_of_data_without_noise_says_why_its_uncertainty_is_not_known(bearing: LinearBearing) -> None:
+    data = IdentificationData.from_record(bearing.experiment(0.0, kind="multisine", duration=0.6))
+    result = identify(data, 8, controller=ControllerParameters())
+    assert result.uncertainty is None
+    assert result.no_uncertainty_because.startswith("the data cannot distinguish the parameters of a model of order 8")
+    assert result.summary.endswith(f"uncertainty not known: {result.no_uncertainty_because}")

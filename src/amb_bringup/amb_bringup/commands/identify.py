@@ -191,6 +191,7 @@ def summary_of(result: Identification) -> dict[str, Any]:
         and {"removed": result.drift.summary, "corner": result.drift.corner, "steps": result.drift.steps},
         "tones": result.tones and {"removed": result.tones.summary, "frequencies": result.tones.frequencies},
         "verdict": result.verdict,
+        "no_uncertainty_because": result.no_uncertainty_because or None,
         "not_validated_because": result.not_validated_because or None,
         "conditions": None if result.validation is None else result.validation.as_dict()["conditions"],
         "closed_loop_stable": None if result.closed_loop_poles is None else result.stable,
@@ -239,6 +240,8 @@ def _table(result: Identification) -> Table:
     table.add_row("unstable poles", f"{len(unstable)}" + (f": {rates}" if rates else ""))
     if result.uncertainty is not None and (remark := result.uncertainty.at_one):
         table.add_row(Text("pole at 1", "yellow"), remark)
+    if result.no_uncertainty_because:
+        table.add_row(Text("uncertainty", "yellow"), result.no_uncertainty_because)
     if result.drift is not None:
         table.add_row("drift", result.drift.summary)
     if result.tones is not None:

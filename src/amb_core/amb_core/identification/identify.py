@@ -72,6 +72,8 @@ class Identification(Result):
         Which tones that the reference lacks were removed from the data that the model is estimated from; None if none.
     controller : KnownController or None
         The controller of the closed loop; None for data that do not come from the bearing's loop.
+    no_uncertainty_because : str
+        Why the data do not determine the uncertainty of a model of `pem`; empty if they do, or where none is wanted.
     """
 
     model: StateSpaceModel
@@ -85,6 +87,7 @@ class Identification(Result):
     drift: DriftCure | None = None
     tones: ToneCure | None = None
     controller: KnownController | None = None
+    no_uncertainty_because: str = ""
 
     @property
     def stable(self) -> bool:
@@ -179,6 +182,8 @@ class Identification(Result):
             parts.append(self.tones.summary)
         if self.uncertainty is not None:
             parts += [remark for remark in (self.uncertainty.widened, self.uncertainty.at_one) if remark]
+        if self.no_uncertainty_because:
+            parts.append(f"uncertainty not known: {self.no_uncertainty_because}")
         return "; ".join(parts)
 
 
@@ -282,13 +287,12 @@ def identify(
     elif method == "pem":
         watch.tell("validation", 1, 1)
         watch.tell("uncertainty", 0, 1)
-        best = replace(best, uncertainty=_uncertainty(best.model, used, Watch(None, cancelled)), search=watch.search)
+        uncertainty, why_not = _uncertainty(best.model, used, Watch(None, cancelled))
+        best = replace(best, uncertainty=uncertainty, no_uncertainty_because=why_not, search=watch.search)
     watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
     model = replace(best.model, fingerprint=fingerprint_of(data, np.sqrt(np.diag(best.model.innovation_covariance))))
-    uncertainty = best.uncertainty and replace(best.uncertainty, model=model)
-    return replace(
-        best, data=data, model=model, uncertainty=uncertainty, drift=cure, tones=tones, controller=controller
-    )
+    known = best.uncertainty and replace(best.uncertainty, model=model)
+    return replace(best, data=data, model=model, uncertainty=known, drift=cure, tones=tones, controller=controller)
 
 
 def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:
@@ -333,13 +337,13 @@ def _for_order(report: DataReport, data: IdentificationData, order: int) -> Data
     return report
 
 
-def _uncertainty(model: StateSpaceModel, data: IdentificationData, watch: Watch) -> ModelUncertainty | None:
-    """The uncertainty; None if the data do not determine it."""
+def _uncertainty(model: StateSpaceModel, data: IdentificationData, watch: Watch) -> tuple[ModelUncertainty | None, str]:
+    """The uncertainty; None and the reason if the data do not determine it."""
     try:
-        return uncertainty_of(model, data, watch)
-    except IdentificationError:  # the model is valid without it
+        return uncertainty_of(model, data, watch), ""
+    except IdentificationError as problem:  # the model is valid without it
         watch.tell("uncertainty", 1, 1)  # raises where the cause is a cancellation
-        return None
+        return None, str(problem)
 
 
 def _controller(data: IdentificationData, controller: KnownController | None) -> KnownController | None:

@@ -15,6 +15,7 @@ section 9.4 for closed loop; H. White, Maximum likelihood estimation of misspeci
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -69,7 +70,10 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
     """
     _check(model, data)
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
-    with small_matrices(f"no uncertainty of the model of order {model.order}"):
+    with small_matrices(
+        f"the data do not determine how accurate the model of order {model.order} is, as with less noise than rounding "
+        "or too high an order"
+    ):
         return _estimate(model, scaled, robust)
 
 
@@ -195,7 +199,10 @@ def _balanced(model: StateSpaceModel, states: Arrays) -> Arrays:
     """
     moved = np.asarray(np.linalg.qr(states / math.sqrt(len(states)), mode="r")).T
     f, c = np.linalg.solve(moved, (model.a - model.k @ model.c) @ moved), model.c @ moved
-    vectors, squares, _ = np.linalg.svd(linalg.solve_discrete_lyapunov(f.T, c.T @ c, method="bilinear"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of a pole of the predictor close to the unit circle
+        observed = linalg.solve_discrete_lyapunov(f.T, c.T @ c, method="bilinear")
+    vectors, squares, _ = np.linalg.svd(observed)
     if not squares[-1] > _LEAST_SQUARE * squares[0]:
         raise IdentificationError(
             f"a state of the model of order {model.order} is not excited in the data, or not visible in the outputs; "
