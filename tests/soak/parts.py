@@ -151,7 +151,7 @@ def link(samples: int = 100_000) -> dict[str, Any]:
     plant = plant_of(RIGID)
     settings = EmulatorSettings(
         plant.parameters, ControllerParameters(), validate(LimitParameters, PATIENT["limits"] | {"host_time": 1e3}),
-        FaultParameters(), Address(port=0), 10, 1.0, RealTimeParameters(),
+        FaultParameters(), Address(port=0), 10, 1.0, RealTimeParameters(), plant_waits=True,
     )  # fmt: skip
     emulator = EmulatorProcess(settings)
     listener = _Listener()
