@@ -81,8 +81,10 @@ class Measured(BaseModel):
         Folders and files on which the figures depend.
     results : str
         File below `results` that the command writes.
+    part : str
+        Key of that file under which the figures are; empty for all of it.
     declared : str
-        MODULE:CLASS of its keys; empty where cells hold the figures themselves.
+        MODULE:CLASS of the keys of the figures; empty where cells hold the figures themselves.
     figures : dict
         What was measured.
     tables : dict
@@ -99,6 +101,7 @@ class Measured(BaseModel):
     confirmed: Confirmation | None = None
     rooms: list[str]
     results: str
+    part: str = ""
     declared: str = ""
     figures: dict[str, Any] = {}
     tables: dict[str, Table]
@@ -197,6 +200,7 @@ def _take(name: str) -> None:
     commit = _measured_commit(name, measured)
     file = ROOT / "results" / measured.results
     figures = json.loads(file.read_text())
+    figures = figures[measured.part] if measured.part else figures
     wrong = declaration_problems(measured.declared, figures)
     if wrong:
         sys.exit(f"{file}: {'; '.join(wrong)}")

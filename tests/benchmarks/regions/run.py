@@ -10,15 +10,7 @@ is measured; keys of earlier runs that this run does not measure are kept.
 
 from __future__ import annotations
 
-import argparse
-import importlib
-import json
-import time
-
-from rich.console import Console
-from rich.table import Table
-
-from tests.front_door.results import ROOT, results_file
+from tests.benchmarks.subjects import run_subjects
 from tests.synthetic_telemetry import FAMILIES
 
 SUBJECTS: dict[str, dict[str, float]] = {
@@ -39,29 +31,7 @@ SUBJECTS: dict[str, dict[str, float]] = {
 
 def main() -> None:
     """Measure and report."""
-    arguments = _arguments()
-    file = results_file("bench_regions.json", arguments.quick)
-    console = Console()
-    results = json.loads(file.read_text()) if file.exists() else {}
-    table = Table("subject", "counts", "seconds", title="make bench-regions")
-    for name in arguments.subjects or SUBJECTS:
-        began = time.monotonic()
-        with console.status(f"measuring {name}"):
-            measure = importlib.import_module(f"tests.benchmarks.regions.{name}").measure
-            measured = measure(**SUBJECTS[name] if arguments.quick else {})
-        results[name] = measured
-        file.write_text(json.dumps(results, indent=2) + "\n")
-        counts = ", ".join(f"{key} {value}" for key, value in measured.items())
-        table.add_row(name, counts, f"{time.monotonic() - began:.0f}")
-    console.print(table)
-    console.print(f"written to {file.relative_to(ROOT)}")
-
-
-def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("subjects", nargs="*", choices=[*SUBJECTS, []], help="subjects to measure; default: all")
-    parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
-    return parser.parse_args()
+    run_subjects("tests.benchmarks.regions", SUBJECTS, "bench_regions.json", __doc__ or "")
 
 
 if __name__ == "__main__":
