@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from amb_core.ground.errors import ParameterError, RobustnessError
+from amb_core.ground.errors import IdentificationError, ParameterError, RobustnessError
 from amb_core.ground.parameters import validate
 from amb_core.identification import closed_loop_poles
+from amb_core.linear import LinearSystem
+from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_from_data, feedback_of
@@ -90,3 +92,17 @@ def test_an_unstable_loop_and_wrong_units_are_found_without_the_data(loop) -> No
 def test_a_sweep_without_a_controller_is_refused_without_the_other_data(loop) -> None:
     with pytest.raises(RobustnessError, match="controller of the swept sine is not known"):
         certify_from_data(*loop, NOWHERE, NOWHERE, swept=NOWHERE)
+
+
+def test_a_plant_of_ones_own_is_certified_on_data_that_validate_it(bearing) -> None:
+    """It has no gain, which its predictions need: the data give it one, and its verdict says so."""
+    data, other = (bearing.experiment(2e-8, force=0.1, kind=kind, duration=0.6) for kind in ("multisine", "square"))
+    model = bearing.model
+    plant = LinearSystem(model.a, model.b, model.c, model.d, model.sample_time).to_control()
+    settings = RobustnessSettings(**FEW)
+    certificate = certify_from_data(plant, ControllerParameters(), data, other, settings=settings)
+    checks = {check.name: check for check in certificate.checks}
+    assert checks["the model is validated"].finding.startswith("validated with reservations")
+    assert all(check.passed for name, check in checks.items() if name == "the uncertainty of the model is known")
+    with pytest.raises(IdentificationError, match="has no operating point of its own; give data of its loop"):
+        certify_from_data(plant, ControllerParameters())
