@@ -1,4 +1,4 @@
-"""Where simulation focus starts if the best predictor makes an unstable loop."""
+"""Where simulation focus starts if the best predictor makes an unstable loop, or is far from the best simulator."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from amb_core.identification.estimate.methods import starts_for_simulation
 from amb_core.identification.progress import Watch
 from amb_core.linear.numerics import LARGEST_RADIUS
 from amb_core.loop.control import ControllerParameters
+from tests.benchmarks.ident import plant
 
 if TYPE_CHECKING:
     from conftest import LinearBearing
@@ -39,3 +40,11 @@ def test_without_noise_it_starts_from_a_stable_loop(bearing: LinearBearing) -> N
 
     assert identification.stable
     assert min(identification.model.fit) > 99.0
+
+
+def test_at_too_low_an_order_it_finds_more_than_beside_the_best_predictor() -> None:
+    """From the model of PEM alone the search ends at 50 and 30 %."""
+    record = plant.record(plant.Experiment("multisine", steps=8_000), 0)
+    identification = identify(record, 6, focus="simulation", controller=plant.CONTROLLER)
+    assert identification.stable
+    assert min(identification.model.fit) > 70.0

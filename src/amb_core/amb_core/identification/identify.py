@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from amb_core.plant import PlantParameters
 
 Focus = Literal["prediction", "simulation"]
+_GOOD_FIT = 99.0  # percent, below which simulation focus searches from another start too
 
 
 @dataclass(frozen=True, repr=False)
@@ -279,11 +280,19 @@ def identify(
 
     best = max(validated(estimate(used, order, method, watch, source, feedthrough)), key=_quality)
     if focus == "simulation" and controller is not None:
-        if not _fades(best):  # the best predictor of data with next to no noise need not even make a stable loop
-            starts = starts_for_simulation(used, order, watch, source, feedthrough)
-            best = max([best, *validated(starts)], key=lambda result: (_fades(result), *_quality(result)))
-        model = focus_simulation(best.model, calm, controller, progress, cancelled)
-        best = _validate(model, calm, controller, report, selection)
+
+        def focused(start: Identification) -> Identification:
+            model = focus_simulation(start.model, calm, controller, progress, cancelled)
+            return _validate(model, calm, controller, report, selection)
+
+        found = [focused(best)] if _fades(best) else []
+        if not found or np.min(found[0].model.fit) < _GOOD_FIT:
+            # the best predictor need not be near the best simulator, nor even make a stable loop
+            others = validated(starts_for_simulation(used, order, watch, source, feedthrough))
+            other = max([best, *others], key=lambda result: (_fades(result), *_quality(result)))
+            if other is not best or not found:
+                found.append(focused(other))
+        best = max(found, key=_quality)
     elif method == "pem":
         watch.tell("validation", 1, 1)
         watch.tell("uncertainty", 0, 1)
