@@ -1,6 +1,6 @@
 # Every target that runs something sets the workspace up first; that takes minutes once, and a moment from then on.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor quick measured stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-view bench-robust bench-verdicts docs lint clean
+.PHONY: help setup demo rig-demo reproduce test test-slow test-graph floor quick measured stress soak validate leaving fuzz fuzz-files bench bench-regions bench-ident bench-explained bench-view bench-robust bench-verdicts docs lint clean
 SHELL := /bin/bash
 RUN := source scripts/env.sh &&
 
@@ -74,6 +74,9 @@ bench-regions: setup  ## regions, excitation design and identification on random
 
 bench-ident: setup .venv-peers/.complete  ## identification next to other packages, and its stated errors (hours); writes results/bench_ident.json and bench_uncertainty.json
 	@$(RUN) python -m tests.benchmarks.uncertainty && python -m tests.benchmarks.ident.run
+
+bench-explained: setup  ## figures of the pages that explain, on the paper's bearing and a few others; writes results/bench_explained.json
+	@$(RUN) python -m tests.benchmarks.explained.run
 
 bench-view: setup  ## a user's first hour: live page, pages, files, new bearings; writes results/first_hour.json
 	@$(RUN) python -m tests.benchmarks.first_hour.run

@@ -83,6 +83,13 @@ PROGRAMS = (
         seconds=12.0,
     ),
     Program(
+        "tests.benchmarks.explained.run",
+        "bench_explained.json",
+        "tests.benchmarks.explained.figures:BenchExplained",
+        ("distortion", "excitation", "identification", "plant", "region_maps", "subharmonics"),
+        32.0,
+    ),
+    Program(
         "tests.benchmarks.first_hour.run",
         "first_hour.json",
         "tests.benchmarks.first_hour.figures:FirstHour",
@@ -142,6 +149,7 @@ TARGETS: dict[str, tuple[str, ...] | Covered | Left] = {
     "bench": ("tests.benchmarks.run",),
     "bench-regions": ("tests.benchmarks.regions.run",),
     "bench-ident": ("tests.benchmarks.uncertainty", "tests.benchmarks.ident.run"),
+    "bench-explained": ("tests.benchmarks.explained.run",),
     "bench-view": ("tests.benchmarks.first_hour.run",),
     "bench-robust": ("tests.benchmarks.robust.run", "tests.benchmarks.robust.emulator"),
     "bench-verdicts": ("tests.benchmarks.verdicts.run",),
