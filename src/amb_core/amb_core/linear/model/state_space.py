@@ -22,7 +22,7 @@ from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables, save_variables
-from amb_core.ground.files.regular_files import MIB, read_text
+from amb_core.ground.files.regular_files import MIB, is_folder, read_text
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
 
@@ -205,7 +205,7 @@ class StateSpaceModel(LinearSystem):
             If the file cannot be read or does not contain a model.
         """
         path = Path(path)
-        if path.is_dir():
+        if is_folder(path):
             path /= IN_FOLDER
         ending = _ending(path)
         with reading("model", path):
