@@ -60,6 +60,8 @@ def test_a_true_plant_without_a_noise_part_is_validated_with_that_reservation_al
         validation = validate(given, data, CONTROLLER)
         assert [(one.key, one.level) for one in validation.failed] == [("noise_model", Verdict.RESERVATIONS)]
         assert validation.one_step_fit == pytest.approx(validate(model, data, CONTROLLER).one_step_fit, abs=0.01)
+    ungiven = condition(replace(validation, model=bare, noise_from_data=False), "noise_model")
+    assert ungiven.level is Verdict.RESERVATIONS and "nor do these data give one" in ungiven.finding
     validation = validate(replace(bare, b=1.1 * bare.b), data, CONTROLLER)
     assert not validation.validated and condition(validation, "deviations").level is Verdict.NOT_VALIDATED
 

@@ -298,9 +298,10 @@ def _decided(measures: Measures) -> Condition:
 def _noise(measures: Measures) -> Condition:
     key, name = "noise_model", "the model has a noise part of its own"
     limit = "a gain K"
-    if not measures.noise_from_data:
+    if np.any(measures.model.k) and not measures.noise_from_data:
         return Condition(key, name, "it has", limit)
-    finding = "it has none, K = 0: for the predictions one was estimated from these data"
+    estimated = "for the predictions one was estimated from these data"
+    finding = f"it has none, K = 0: {estimated if measures.noise_from_data else 'nor do these data give one'}"
     advice = "none is needed for the design of a controller; to predict, identify the model, or give it a gain"
     return Condition(key, name, finding, limit, _RESERVED, advice)
 
