@@ -2,7 +2,8 @@
 
 Every node is in a discovery callback while it leaves: callbacks take 20 ms longer, and a node waits up to 0.2 s for one
 before it goes (`delayed_discovery.c`). Each graph is started by `amb up`, records a running loop, and ends by Ctrl-C,
-alone or beside four busy loops. `make leaving` writes results/leaving.json, for all ends and for each kind:
+alone or beside four busy loops. A call that was interrupted, or is followed by one for more ends, resumes on the same
+commit; --anew begins again. `make leaving` writes results/leaving.json: the commit, and for all ends and each kind
 
     ends                  of graphs; every graph has six nodes
     hung                  nodes that were alive 6 s after Ctrl-C
@@ -28,7 +29,6 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from domain_coordinator import domain_id
@@ -41,6 +41,7 @@ from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.front_door.figures import Figures
 from tests.front_door.results import results_file
 from tests.graph.processes import SHARED_MEMORY
+from tests.kept_outcomes import KeptOutcomes, checkout
 from tests.stress import BUSY_LOOPS, load
 
 NODES = 6
@@ -67,24 +68,25 @@ class Ends(Figures):
 class Leaving(Ends):
     """What is written to results/leaving.json."""
 
+    commit: str  # with a + where files were changed
     idle: Ends
     loaded: Ends
 
 
-@dataclass(frozen=True)
-class End:
+class End(Figures):
     """What the end of one graph has left."""
 
+    kind: str
     hung: int
     slow: int
     seconds: float
     up_seconds: float
     exit_code: int
     bag_whole: bool
-    left: tuple[str, ...]
+    left: list[str]
 
 
-def end_one(folder: Path, environment: dict[str, str]) -> End:
+def end_one(kind: str, folder: Path, environment: dict[str, str]) -> End:
     """Start a graph, let it record, end it by Ctrl-C."""
     with domain_id() as domain, (folder / "output.txt").open("w+") as output:
         settings = os.environ | environment | {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(folder / "log")}
@@ -119,13 +121,14 @@ def end_one(folder: Path, environment: dict[str, str]) -> End:
                 graph.wait(GIVEN_UP_AFTER)
         said = (folder / "output.txt").read_text()
     return End(
-        hung,
-        said.count("Timeout (0:"),
-        seconds,
-        up_seconds,
-        graph.returncode,
-        not inspect_bag(bag).damage,
-        tuple(sorted(left(files - before))),
+        kind=kind,
+        hung=hung,
+        slow=said.count("Timeout (0:"),
+        seconds=seconds,
+        up_seconds=up_seconds,
+        exit_code=graph.returncode,
+        bag_whole=not inspect_bag(bag).damage,
+        left=sorted(left(files - before)),
     )
 
 
@@ -178,34 +181,54 @@ def summary(ends: Sequence[End]) -> dict[str, object]:
     }
 
 
+def write(file: Path, commit: str, ends: Sequence[End]) -> None:
+    """Write the results: the figures of all ends, and of each kind."""
+    kinds = {kind: summary([end for end in ends if end.kind == kind]) for kind in ("idle", "loaded")}
+    file.write_text(json.dumps(summary(ends) | {"commit": commit} | kinds, indent=2) + "\n")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--ends", type=int, default=1, help="ends of graphs alone on the machine")
     parser.add_argument("--loaded", type=int, default=0, help=f"ends of graphs beside {BUSY_LOOPS} busy loops")
     parser.add_argument("--out", type=Path, help="file of the results; by default results/leaving.json")
+    parser.add_argument("--anew", action="store_true", help="also the ends that are there of this commit")
     parser.add_argument("--quick", action="store_true", help="one end, into results/quick")
     settings = parser.parse_args()
     if settings.quick:
         settings.ends, settings.loaded = 1, 0
     out = settings.out or results_file("leaving.json", settings.quick)
+    commit = checkout()
+    file = out.with_suffix(".jsonl") if commit and not settings.quick else None
+    if file is not None and settings.anew:
+        file.unlink(missing_ok=True)
+    kept = KeptOutcomes(file, commit, End.model_dump, End.model_validate)
+    ends = kept.load()
+    have = Counter(end.kind for end in ends)
+    wanted = {"idle": settings.ends, "loaded": settings.loaded}
+    plan = [kind for kind, count in wanted.items() for _ in range(count - have[kind])]
+    if ends:
+        print(f"{len(ends)} ends of this commit are there; {len(plan)} are left")
+    write(out, commit, ends)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
-    ends: dict[str, list[End]] = {"idle": [], "loaded": []}
     with tempfile.TemporaryDirectory() as name:
         library = Path(name, "delayed_discovery.so")
         build_delayed_discovery(library)
         environment = delays(library, each=0.02, held=0.02, wait=0.2)
-        for number, kind in enumerate(["idle"] * settings.ends + ["loaded"] * settings.loaded, 1):
+        for number, kind in enumerate(plan, len(ends) + 1):
+            if checkout() != commit:
+                sys.exit(f"the checkout is no longer at {commit}; {number - 1} ends are in {out}")
             folder = Path(name, str(number))
             folder.mkdir()
             with load(BUSY_LOOPS if kind == "loaded" else 0):
-                end = end_one(folder, environment)
-            print(f"end {number}, {kind}: {end}", flush=True)
+                end = end_one(kind, folder, environment)
+            print(f"end {number}: {end}", flush=True)
             if not is_clean(end):
                 print((folder / "output.txt").read_text(), flush=True)
-            ends[kind].append(end)
-            result = summary(ends["idle"] + ends["loaded"]) | {name: summary(each) for name, each in ends.items()}
-            out.write_text(json.dumps(result, indent=2) + "\n")
-    return 0 if all(is_clean(end) for each in ends.values() for end in each) else 1
+            ends.append(end)
+            kept.add(end)
+            write(out, commit, ends)
+    return 0 if all(map(is_clean, ends)) else 1
 
 
 if __name__ == "__main__":

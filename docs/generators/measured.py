@@ -3,12 +3,14 @@
 A file holds figures, the tables made of them, date, commit, machine and command of the measurement, and the rooms of
 the code on which it depends. `python -m docs.generators.measured` (`make measured`) lists the files and what is stale;
 `... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code; `...
-confirm NAME --part TEXT` keeps that a part of them, measured again on this code, is the same.
+confirm NAME --part TEXT` keeps that a part of them, measured again on this code, is the same. Comments and docstrings
+of Python are not code.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import importlib
 import json
 import os
@@ -138,8 +140,10 @@ class Measured(BaseModel):
         exact = self.exact or self.confirmed is not None
         if _git("cat-file", "-e", f"{commit}^{{commit}}") != 0:
             return "unknown"
-        changed = _git("diff", "--quiet", commit, "--", *self.rooms)
-        return "stale" if changed == 1 else "current" if changed == 0 and exact else "unknown"
+        names = _output_of_git("diff", "--name-only", "--no-renames", commit, "--", *self.rooms).splitlines()
+        if any(_computes_otherwise(commit, name) for name in names):
+            return "stale"
+        return "current" if exact else "unknown"
 
 
 class _Cells(Formatter):
@@ -147,7 +151,9 @@ class _Cells(Formatter):
 
     def convert_field(self, value: Any, conversion: Any) -> Any:
         """As in the base class; p multiplies by 100."""
-        return 100.0 * value if conversion == "p" else super().convert_field(value, conversion)
+        if value is None or conversion != "p":
+            return super().convert_field(value, None if value is None else conversion)
+        return 100.0 * value
 
     def format_field(self, value: Any, format_spec: str) -> str:
         """As in the base class; None is a dash."""
@@ -192,6 +198,29 @@ def _git(*arguments: str) -> int:
         return 128
 
 
+def _output_of_git(*arguments: str) -> str:
+    """What git prints in this checkout."""
+    return subprocess.run(["git", "-C", str(ROOT), *arguments], capture_output=True, text=True, check=True).stdout
+
+
+def _computes_otherwise(commit: str, name: str) -> bool:
+    """Whether a file that differs from that of a commit differs in more than comments and docstrings of Python."""
+    file = ROOT / name
+    if file.suffix != ".py" or not file.exists() or _git("cat-file", "-e", f"{commit}:{name}") != 0:
+        return True
+    return _statements(_output_of_git("show", f"{commit}:{name}")) != _statements(file.read_text())
+
+
+def _statements(text: str) -> str:
+    """The syntax tree of a module without its docstrings."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            has_docstring = ast.get_docstring(node, clean=False) is not None
+            node.body = node.body[1:] if has_docstring else node.body
+    return ast.dump(tree)
+
+
 def _take(name: str) -> None:
     """Take the figures of `results`, measured on the code as it is committed now."""
     measured = load(name)
@@ -221,8 +250,7 @@ def _measured_commit(name: str, measured: Measured) -> str:
     """The commit of this checkout; ends if the rooms are not as committed."""
     if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
         sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
-    head = subprocess.run(["git", "-C", str(ROOT), "rev-parse", "HEAD"], capture_output=True, text=True, check=True)
-    return head.stdout.strip()
+    return _output_of_git("rev-parse", "HEAD").strip()
 
 
 def _keep(name: str, measured: Measured) -> None:

@@ -27,7 +27,7 @@ from amb_core.rig.commissioning.sensors_at_rest import PUSHES
 from amb_core.rig.emulation import FaultParameters, LimitParameters, as_on_a_rig, reference_library
 from amb_core.rig.emulation.lock_step import LockStepLink
 from amb_core.rig.link.link import TargetSettings
-from tests.soak.kept_outcomes import KeptOutcomes
+from tests.kept_outcomes import KeptOutcomes, computing_code
 
 TOUCH = 0.05
 """Control current outwards over bias current: the pull of one magnet at its bias is k_i i_0 / 4, a fifth of it 0.05."""
@@ -261,7 +261,7 @@ def commissioning(
         Rigs in this call; the figures are those of all that have been kept. None for all that are left.
     """
     reference_library()
-    kept: KeptOutcomes[Outcome] = KeptOutcomes(file, Path(__file__), asdict, _outcome)
+    kept: KeptOutcomes[Outcome] = KeptOutcomes(file, computing_code(Path(__file__)), asdict, _outcome)
     wanted = rigs(kinds, each, healthy)
     known = {one.rig: one for one in kept.load()}
     left = [rig for rig in wanted if rig not in known]

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
 
 import pytest
 
+from tests import kept_outcomes
+from tests.kept_outcomes import KeptOutcomes, checkout, computing_code
 from tests.soak import commissioning
 from tests.soak.commissioning import Outcome, Rig, rigs
-from tests.soak.kept_outcomes import KeptOutcomes
+
+GIT = ("git", "-c", "user.name=nobody", "-c", "user.email=nobody@example.org")
 
 
 def kept(folder: Path, code: str = "one") -> KeptOutcomes[int]:
-    module = folder / "module.py"
-    module.write_text(code)
-    return KeptOutcomes(folder / "kept.jsonl", module, lambda value: {"value": value}, lambda row: int(row["value"]))
+    return KeptOutcomes(folder / "kept.jsonl", code, lambda value: {"value": value}, lambda row: int(row["value"]))
 
 
 def test_what_was_kept_is_there_again(tmp_path: Path) -> None:
@@ -36,11 +39,31 @@ def test_outcomes_of_other_code_do_not_count(tmp_path: Path) -> None:
     assert kept(tmp_path, "two").load() == []
 
 
-def test_nothing_is_kept_without_a_file(tmp_path: Path) -> None:
-    (tmp_path / "module.py").write_text("")
-    none: KeptOutcomes[int] = KeptOutcomes(None, tmp_path / "module.py", lambda value: {}, lambda row: 0)
+def test_nothing_is_kept_without_a_file() -> None:
+    none: KeptOutcomes[int] = KeptOutcomes(None, "one", lambda value: {}, lambda row: 0)
     none.add(1)
     assert none.load() == []
+
+
+def test_the_code_of_a_measurement_includes_its_module(tmp_path: Path) -> None:
+    (tmp_path / "one.py").write_text("1")
+    (tmp_path / "two.py").write_text("2")
+    one, two = computing_code(tmp_path / "one.py"), computing_code(tmp_path / "two.py")
+    assert one != two
+    assert one == computing_code(tmp_path / "one.py")
+
+
+def test_a_checkout_is_its_commit_and_what_was_changed_since(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kept_outcomes, "ROOT", tmp_path)
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    assert checkout() == ""
+    (tmp_path / "room").write_text("code")
+    for words in (["init", "-q"], ["add", "room"], ["commit", "-qm", "Start"]):
+        subprocess.run([*GIT, *words], cwd=tmp_path, check=True)
+    committed = checkout()
+    assert re.fullmatch("[0-9a-f]{12}", committed)
+    (tmp_path / "room").write_text("other code")
+    assert checkout().startswith(f"{committed}+")
 
 
 def test_commissioning_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

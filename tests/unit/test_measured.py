@@ -67,6 +67,24 @@ def test_figures_are_stale_when_a_room_changes(checkout: Measured) -> None:
     assert checkout.age() == "stale"
 
 
+def test_comments_and_docstrings_make_nothing_stale(checkout: Measured) -> None:
+    file = measured.ROOT / "room.py"
+    file.write_text('"""A room."""\n\n\ndef one() -> int:\n    """One."""\n    return 1\n')
+    subprocess.run([*GIT, "add", "room.py"], cwd=measured.ROOT, check=True)
+    subprocess.run([*GIT, "commit", "-qm", "Module"], cwd=measured.ROOT, check=True)
+    of_module = checkout.model_copy(update={"rooms": ["room.py"], "commit": "HEAD"})
+    file.write_text('"""The room."""\n\n\ndef one() -> int:\n    return 1  # always\n')
+    assert of_module.age() == "current"
+    file.write_text('"""The room."""\n\n\ndef one() -> int:\n    return 2\n')
+    assert of_module.age() == "stale"
+    file.unlink()
+    assert of_module.age() == "stale"
+
+
+def test_what_is_not_measured_is_a_dash(checkout: Measured) -> None:
+    assert "| a | - % |" in checkout.model_copy(update={"figures": {"share": None}}).rendered("t")
+
+
 def test_their_age_is_unknown_without_their_commit_or_git(checkout: Measured, monkeypatch: pytest.MonkeyPatch) -> None:
     assert checkout.model_copy(update={"exact": False}).age() == "unknown"
     assert checkout.model_copy(update={"commit": "0" * 40}).age() == "unknown"

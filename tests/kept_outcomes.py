@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from amb_core.ground.tasks.provenance import code_version
-from amb_core.rig.link.reference import SOURCE
+from tests.front_door.results import ROOT
 
 T = TypeVar("T")
 
@@ -21,8 +21,8 @@ class KeptOutcomes(Generic[T]):
     ----------
     file : Path or None
         The file; it need not exist. None to keep nothing.
-    code : Path
-        The module that makes the outcomes; they count while it, amb_core and the C target are as they were.
+    code : str
+        What made the outcomes, by `computing_code` or `checkout`; those of other code do not count.
     encode, decode : callable
         An outcome as data of JSON, and back.
     """
@@ -30,15 +30,11 @@ class KeptOutcomes(Generic[T]):
     def __init__(
         self,
         file: Path | None,
-        code: Path,
+        code: str,
         encode: Callable[[T], dict[str, Any]],
         decode: Callable[[dict[str, Any]], T],
     ) -> None:
-        self._file, self._encode, self._decode = file, encode, decode
-        digest = hashlib.sha256(code_version().encode() + code.read_bytes())
-        for source in sorted(SOURCE.rglob("*.[ch]")):
-            digest.update(source.read_bytes())
-        self._code = digest.hexdigest()
+        self._file, self._code, self._encode, self._decode = file, code, encode, decode
 
     def load(self) -> list[T]:
         """Those of this code; a line that was cut by an interruption is left out."""
@@ -61,3 +57,27 @@ class KeptOutcomes(Generic[T]):
         line = json.dumps({"code": self._code, "outcome": self._encode(outcome)})
         with self._file.open("a") as file:
             file.write(f"\n{line}\n")  # a line that was cut does not take this one with it
+
+
+def computing_code(module: Path) -> str:
+    """Of what amb_core, the C target and a module compute."""
+    from amb_core.ground.tasks.provenance import code_version
+    from amb_core.rig.link.reference import SOURCE
+
+    digest = hashlib.sha256(code_version().encode() + module.read_bytes())
+    for source in sorted(SOURCE.rglob("*.[ch]")):
+        digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def checkout() -> str:
+    """Commit of this checkout, with a checksum behind it where tracked files differ; empty where there is none."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True).stdout
+
+    try:
+        commit, changes = git("rev-parse", "--short=12", "HEAD").strip(), git("diff", "HEAD")
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return f"{commit}+{hashlib.sha256(changes.encode()).hexdigest()[:12]}" if changes else commit
