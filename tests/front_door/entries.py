@@ -59,7 +59,7 @@ PROGRAMS = (
         "tests.benchmarks.figures:Bench",
         ("averaged_plant", "c_kernel", "composed", "first_call", "lockstep", "peer_ross", "plant", "pong", "region_map",
          "region_monitor"),
-        30.0,
+        20.0,
     ),
     Program(
         "tests.benchmarks.regions.run",
@@ -67,14 +67,14 @@ PROGRAMS = (
         "tests.benchmarks.regions.figures:BenchRegions",
         ("constant_line", "constant_line_drift", "dead_time", "design", "drift_identification", "lamination",
          "light_damping", "paper_sweeps", "planted", "slow_line", "turning_map"),
-        37.0,
+        62.0,
     ),
     Program(
         "tests.benchmarks.ident.run",
         "bench_ident.json",
         "tests.benchmarks.ident.figures:BenchIdent",
         ("bound", "worker"),
-        40.0,
+        46.0,
     ),
     Program(
         "tests.benchmarks.uncertainty",
@@ -98,14 +98,17 @@ PROGRAMS = (
     ),
     Program(
         "tests.benchmarks.robust.run", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
-        seconds=46.0,
+        seconds=79.0,
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
         ("after_stop", "bad_data", "controllers", "coverage", "distortion"),
-        25.0,
+        42.0,
     ),
-    Program("tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust"),
+    Program(
+        "tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
+        seconds=33.0,
+    ),
     Program(
         "tests.validation.run",
         "validation.json",
@@ -113,14 +116,14 @@ PROGRAMS = (
         ("eddy", "independent", "iron", "laminations", "paper", "rotors", "statics"),
         8.0,
     ),
-    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", ("board", "board_model"), 180.0),
+    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", ("board", "board_model"), 125.0),
     Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=15.0),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=5.0),
     Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=10.0),
     Program("tests.stress_leaving", "leaving.json", "tests.stress_leaving:Leaving", seconds=15.0),
     Program("tests.stress", "stress.json", "tests.stress:Stress", seconds=25.0),
     Program(
-        "tests.front_door.commands", "commands.json", "tests.front_door.commands:CommandSeconds", seconds=60.0
+        "tests.front_door.commands", "commands.json", "tests.front_door.commands:CommandSeconds", seconds=65.0
     ),
 )  # fmt: skip
 
