@@ -58,6 +58,14 @@ def test_regions_begin_at_their_onsets_over_time(record, classification) -> None
     assert [rule.x for rule in of_kind(panel, Rule)] == pytest.approx([0.8, 1.9999])
 
 
+def test_no_region_is_said_of_what_was_never_classified(record, classification) -> None:
+    in_a = replace(classification, onsets={}, axis_onsets={})
+    linear = [state for state in classification.states if state.region is Region.A]
+    assert "It stays in region A" in sweep_chart(record, replace(in_a, states=linear)).alt
+    unsettled = [replace(state, settled=False) for state in linear]
+    assert "It is too short to be classified." in sweep_chart(record, replace(in_a, states=unsettled)).alt
+
+
 def test_regions_begin_at_their_input_frequency_over_frequency(record, classification, frequency) -> None:
     (panel,) = sweep_chart(record, classification, frequency, over="frequency").panels
     assert panel.x.label == "input frequency (Hz)"

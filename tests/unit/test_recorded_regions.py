@@ -164,6 +164,14 @@ def test_a_definition_that_is_not_understood_leaves_the_frequency_open(
     assert classified.classification.states
 
 
+def test_no_region_is_said_of_a_run_that_is_too_short_to_be_classified(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", missing=(2_000, STEPS))
+    said = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False).stdout
+    assert said.count("not classified") == 3  # rotor, x, y
+    assert "too short: B and C were not evaluated" in said
+    assert "no B, C or D" not in said
+
+
 def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:
     classified = classify_run(Recording.read(write_bag(tmp_path / "bag", delevitated=True)))
     assert classified.delevitated

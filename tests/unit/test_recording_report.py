@@ -108,6 +108,26 @@ def test_a_recording_is_read_once(excited: Path, tmp_path: Path) -> None:
     assert "No model" not in recording_report(recording, order=6).lead
 
 
+def test_a_model_of_data_too_short_to_validate_it_is_shown_and_the_verdict_has_the_reason(
+    bearing, tmp_path: Path
+) -> None:
+    record = bearing.experiment(2e-9, "multisine", force=0.01, amplitude=10e-6, duration=0.6, axes="all")
+    bag = write_bag(tmp_path / "short", record.window(record.first_step + 2_000, 200))
+    report = recording_report(Recording.read(bag), order=4, certified=True)
+    assert report.strip is not None
+    assert "No model" not in report.lead
+    assert report.lead.startswith("0.0200 s ") and "Too short to be classified" in report.lead
+    assert dict(report.strip.numbers)["worst region"].text == "not classified"
+    assert [section.heading for section in report.sections[3:]] == ["Identified model", "Validation", "Robustness"]
+    assert (report.strip.verdict.text, report.strip.verdict.section) == ("not validated", "Validation")
+    reason = "200 samples are too few to test residuals over 25 lags"
+    assert reason in report.strip.reason
+    assert dict(report.strip.numbers)["robustness"].text == "not computed"
+    for section in report.sections[4:]:
+        (why,) = section.blocks
+        assert isinstance(why, Prose) and reason in why.text
+
+
 def test_without_excitation_the_report_says_at_its_top_why_there_is_no_model(resting: Path) -> None:
     report = recording_report(Recording.read(resting), order=6)
     assert [section.heading for section in report.sections] == ["Regions", "Distortion", "Motion", "Identified model"]

@@ -138,6 +138,7 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
 
 def _table(summary: dict[str, Any]) -> Table:
 
+    classified = summary["region_at_end"] is not None
     end = summary["first_step"] + summary["steps"]
     table = Table("", "region", "from (s)", "input (Hz)", "reason", title=f"Run {summary['run']}, {end} steps")
     for column in table.columns[2:4]:
@@ -148,7 +149,7 @@ def _table(summary: dict[str, Any]) -> Table:
             at = "" if frequency is None else f"{frequency:.1f}"
             table.add_row(part, name, f"{onset['time']:.3f}", at, onset["reason"])
         if not onsets:
-            table.add_row(part, "A", "", "", "no B, C or D")
+            table.add_row(part, *(("A", "", "", "no B, C or D") if classified else ("", "", "", "not classified")))
     return table
 
 

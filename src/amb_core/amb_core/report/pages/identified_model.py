@@ -14,7 +14,7 @@ from amb_core.data.controller_choice import ALLOWED, needs_controller
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.progress import Progress
 from amb_core.identification import Identification, identify
-from amb_core.identification.validation import Validation
+from amb_core.identification.validation import Validation, Verdict
 from amb_core.report.figures.bode import bode_chart
 from amb_core.report.figures.comparison import comparison_chart
 from amb_core.report.figures.entries import Entry, entries_from
@@ -22,12 +22,13 @@ from amb_core.report.figures.order import order_chart
 from amb_core.report.pages.document import Badge, Block, Cell, FigureBlock, Prose, Section, TableBlock
 from amb_core.report.pages.robustness import certificate_of_recording, robustness_badge, robustness_section
 from amb_core.report.pages.validation import HEADING as VALIDATION
-from amb_core.report.pages.validation import fit_badge, validation_section
+from amb_core.report.pages.validation import fit_badge, validation_reason, validation_section, verdict_badge
 
 if TYPE_CHECKING:
     from amb_core.loop.known_controller import KnownController
     from amb_core.loop.records import LoopRecord
     from amb_core.recording import Recording
+    from amb_core.robustness import Certificate
 
 
 HEADING = "Identified model"
@@ -36,27 +37,48 @@ ZOOM = 0.05  # s
 
 @dataclass(frozen=True)
 class IdentifiedModel:
-    """The model of a recording, its validation, and the sections that show both."""
+    """The model of a recording, its validation or the reason why there is none, and the sections that show both."""
 
     result: Identification
-    validation: Validation
+    validation: Validation | None
+    not_validated_because: str
     sections: list[Section]
     robustness: Badge | None = None
 
     @property
+    def verdict(self) -> Badge:
+        """The verdict of the validation; not validated where none is possible."""
+        if self.validation is None:
+            return Badge(Verdict.NOT_VALIDATED, "bad", VALIDATION)
+        return verdict_badge(self.validation)
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, in a sentence."""
+        if self.validation is None:
+            return f"The data allow no validation: {self.not_validated_because}."
+        return validation_reason(self.validation)
+
+    @property
     def badges(self) -> list[tuple[str, Badge]]:
         """Robustness, if it was asked for, fit of each output, order and unstable poles, each with its name."""
-        validation, model = self.validation, self.result.model
-        fits = [
-            (f"closed-loop fit, {name}", fit_badge(validation, fit))
-            for name, fit in zip(model.output_names, validation.fit, strict=False)
-        ] or [
-            (f"one-step fit, {name}", Badge(f"{fit:.2f} %", section=VALIDATION))
-            for name, fit in zip(model.output_names, validation.one_step_fit, strict=True)
-        ]
+        model = self.result.model
+        fits = [] if self.validation is None else _fits(self.validation)
         unstable = Badge(str(len(model.unstable_poles())), section=HEADING)
         robust = [] if self.robustness is None else [("robustness", self.robustness)]
         return [*robust, *fits, ("order", Badge(str(model.order), section=HEADING)), ("unstable poles", unstable)]
+
+
+def _fits(validation: Validation) -> list[tuple[str, Badge]]:
+    """Of each output in closed loop, or one step ahead where the loop was not simulated."""
+    names = validation.model.output_names
+    return [
+        (f"closed-loop fit, {name}", fit_badge(validation, fit))
+        for name, fit in zip(names, validation.fit, strict=False)
+    ] or [
+        (f"one-step fit, {name}", Badge(f"{fit:.2f} %", section=VALIDATION))
+        for name, fit in zip(names, validation.one_step_fit, strict=True)
+    ]
 
 
 def identified_model(
@@ -82,17 +104,30 @@ def identified_model(
     progress("identifying", 0, None)
     result = identify(data, order, controller=controller)
     progress("validating", 0, None)
-    validation = result.validated(recording.plant_parameters())
-    sections = [_model(result, validation), _responses(validation, drawn), validation_section(validation)]
+    validation, why_not = _validation(result, recording)
+    sections = [_model(result, validation)]
+    if validation is None:
+        sections.append(Section(VALIDATION, [Prose(f"Not possible: {why_not}.")]))
+    else:
+        sections += [_responses(validation, drawn), validation_section(validation)]
     if not certified:
-        return IdentifiedModel(result, validation, sections)
-    certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), progress)
-    return IdentifiedModel(
-        result, validation, [*sections, robustness_section(certificate)], robustness_badge(certificate)
-    )
+        return IdentifiedModel(result, validation, why_not, sections)
+    certificate: Certificate | str = f"the data allow no validation of the model: {why_not}"
+    if validation is not None:
+        certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), progress)
+    sections.append(robustness_section(certificate))
+    return IdentifiedModel(result, validation, why_not, sections, robustness_badge(certificate))
 
 
-def _model(result: Identification, validation: Validation) -> Section:
+def _validation(result: Identification, recording: Recording) -> tuple[Validation | None, str]:
+    """On the data of the estimate; or why it is not possible, as of too few of them."""
+    try:
+        return result.validated(recording.plant_parameters()), ""
+    except IdentificationError as problem:
+        return None, str(problem)
+
+
+def _model(result: Identification, validation: Validation | None) -> Section:
     blocks: list[Block] = [Prose(f"{result.summary}.")]
     blocks += [Prose(f"Warning: {finding.check}: {finding.text}.") for finding in result.report.warnings]
     if result.uncertainty is not None:
@@ -100,7 +135,7 @@ def _model(result: Identification, validation: Validation) -> Section:
     blocks.append(_poles(result))
     if result.order_selection is not None:
         blocks.append(FigureBlock(order_chart(result.order_selection).page(), "Choice of the order"))
-    loop = validation.closed_loop
+    loop = None if validation is None else validation.closed_loop
     if loop is not None:
         longest = int(np.argmax([record.steps for record in loop.measured]))
         simulated = loop.simulated[longest]

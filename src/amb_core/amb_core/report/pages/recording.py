@@ -33,7 +33,6 @@ from amb_core.report.pages.document import (
     TableBlock,
     VerdictStrip,
 )
-from amb_core.report.pages.validation import validation_reason, verdict_badge
 
 REGIONS, DISTORTION, MODEL = "Regions", "Distortion", "Identified model"  # headings to which the verdict links
 _UNSET = 1980  # a clock that was never set
@@ -132,7 +131,7 @@ def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedM
     """The verdict on the model, its main numbers, and region and distortion of the recording."""
     onsets = regions.classification.onsets
     worst = max(onsets, default=Region.A)
-    classified = regions.classification.states
+    classified = stretches(regions.classification.states)
     states: dict[Region, State] = {Region.A: "good", Region.B: "limited", Region.C: "limited", Region.D: "bad"}
     region = (
         Badge(region_label(worst), states[worst], REGIONS) if classified else Badge("not classified", section=REGIONS)
@@ -143,16 +142,18 @@ def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedM
     ]
     if identified is None:
         return VerdictStrip(Badge("no model", "bad", MODEL), "None could be identified, see below.", seen)
-    validation = identified.validation
-    return VerdictStrip(verdict_badge(validation), validation_reason(validation), [*identified.badges, *seen])
+    return VerdictStrip(identified.verdict, identified.reason, [*identified.badges, *seen])
 
 
 def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     record, classification = regions.record, regions.classification
     seconds = record.steps * record.sample_time
-    text = f"{seconds:.1f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
+    text = (
+        f"{seconds:.{1 if seconds >= 1.0 else 4}f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
+    )
     if not classification.onsets:
-        return text + f"Region A all the time; {evidence.brief}."
+        judged = "Region A all the time" if stretches(classification.states) else "Too short to be classified"
+        return text + f"{judged}; {evidence.brief}."
     begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in classification.onsets.items()]
     return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}."
 
