@@ -86,7 +86,8 @@ PROGRAMS = (
         "tests.benchmarks.explained.run",
         "bench_explained.json",
         "tests.benchmarks.explained.figures:BenchExplained",
-        ("distortion", "excitation", "identification", "plant", "region_maps", "subharmonics"),
+        ("distortion", "excitation", "identification", "map_lines", "map_rates", "plant", "region_maps",
+         "subharmonics"),
         32.0,
     ),
     Program(

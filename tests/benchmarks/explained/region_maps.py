@@ -41,18 +41,18 @@ class Bearing:
     controller: dict[str, Any] = field(default_factory=dict)
 
 
-def _ratios(low: float, high: float, intervals: int, places: tuple[int, ...]) -> tuple[float, ...]:
+def ratios(low: float, high: float, intervals: int, places: tuple[int, ...]) -> tuple[float, ...]:
     """Some places of a range of amplitudes that is divided into intervals of equal ratio."""
     return tuple(low * (high / low) ** (place / intervals) for place in places)
 
 
-PAPER_AMPLITUDES = _ratios(5e-6, 100e-6, 24, (0, 3, 6, 9, 12, 15, 18, 20, 21, 22, 24))  # m
-CONFIRMED_AMPLITUDES = _ratios(5e-6, 100e-6, 4, (0, 1, 2, 3, 4))  # m
+PAPER_AMPLITUDES = ratios(5e-6, 100e-6, 24, (0, 3, 6, 9, 12, 15, 18, 20, 21, 22, 24))  # m
+CONFIRMED_AMPLITUDES = ratios(5e-6, 100e-6, 4, (0, 1, 2, 3, 4))  # m
 BEARINGS = {
     "paper": Bearing(CONFIRMED_AMPLITUDES),
     "supply_30_v": Bearing(CONFIRMED_AMPLITUDES, {"amplifier": {"supply_voltage": 30.0}}),
     "slow_amplifier": Bearing(
-        _ratios(5e-6, 60e-6, 5, (1, 2, 3, 4, 5)),
+        ratios(5e-6, 60e-6, 5, (1, 2, 3, 4, 5)),
         {
             "magnetic_circuit": {"air_gap": 0.4e-3, "turns_per_pole": 100},
             "amplifier": {"bias_current": 2.0, "supply_voltage": 150.0, "switching_frequency": 20e3},
@@ -126,17 +126,19 @@ def measure(
             for name, bearing in BEARINGS.items()
         },
         "amplitudes": [UM * amplitude for amplitude in chosen],
-        "gravity": _swept(_sweeps(BEARINGS["paper"], chosen, settings)),
-        "no_gravity": _swept(_sweeps(weightless, chosen, settings)),
+        "gravity": as_swept(sweeps_of(BEARINGS["paper"], chosen, settings)),
+        "no_gravity": as_swept(sweeps_of(weightless, chosen, settings)),
     }
 
 
-def _loop(bearing: Bearing) -> tuple[PlantParameters, ControllerParameters]:
+def loop_of(bearing: Bearing) -> tuple[PlantParameters, ControllerParameters]:
+    """Parameters of a bearing and its controller."""
     return validate(PlantParameters, bearing.plant), validate(ControllerParameters, bearing.controller)
 
 
-def _sweeps(bearing: Bearing, amplitudes: tuple[float, ...], settings: MapSettings) -> tuple[MapSweep, ...]:
-    plant, controller = _loop(bearing)
+def sweeps_of(bearing: Bearing, amplitudes: tuple[float, ...], settings: MapSettings) -> tuple[MapSweep, ...]:
+    """The sweeps of a map of a bearing at some amplitudes (m)."""
+    plant, controller = loop_of(bearing)
     return tuple(
         run_sweep(SweepTask(settings.sweep(amplitude), settings.rest, plant, controller, RegionParameters()))
         for amplitude in amplitudes
@@ -150,22 +152,23 @@ def _confirmed(
     confirmation: ConfirmationSettings,
     workers: int | None,
 ) -> dict[str, object]:
-    plant, controller = _loop(bearing)
-    sweeps = _sweeps(bearing, amplitudes, settings)
+    plant, controller = loop_of(bearing)
+    sweeps = sweeps_of(bearing, amplitudes, settings)
     with tempfile.TemporaryDirectory() as folder:
         swept = RegionMap(settings, sweeps, {}, True)
         region_map = confirm_map(swept, plant, controller, None, confirmation, cache=Path(folder), workers=workers)
     assert region_map.confirmation is not None
     return {
         "amplitudes": [UM * amplitude for amplitude in amplitudes],
-        "sweeps": _swept(sweeps),
-        "slow_sweeps": _swept(region_map.confirmation.sweeps),
+        "sweeps": as_swept(sweeps),
+        "slow_sweeps": as_swept(region_map.confirmation.sweeps),
         "below": _dwelt(region_map.confirmation, amplitudes, "below"),
         "above": _dwelt(region_map.confirmation, amplitudes, "above"),
     }
 
 
-def _swept(sweeps: tuple[MapSweep, ...]) -> dict[str, object]:
+def as_swept(sweeps: tuple[MapSweep, ...]) -> dict[str, object]:
+    """Where regions begin in sweeps, as `Swept` declares it."""
     begun = {
         region.name.lower(): [
             sweep.boundaries[region].frequency if region in sweep.boundaries else None for sweep in sweeps

@@ -1,8 +1,8 @@
 """Figures of the pages that explain, each page a subject: tables of docs/explanation that show what a bearing does.
 
-Every subject is a module of its page's name with `measure() -> dict`, its figures and its smallest size. Prints a table
-and writes results/bench_explained.json, each subject as soon as it is measured; keys of earlier runs that this run does
-not measure are kept.
+Every subject is a module of its page's name, or of a part of it, with `measure() -> dict`, its figures and its smallest
+size. Prints a table and writes results/bench_explained.json, each subject as soon as it is measured; keys of earlier
+runs that this run does not measure are kept.
 
     make bench-explained
     python -m tests.benchmarks.explained.run distortion plant    # some subjects only
@@ -10,10 +10,19 @@ not measure are kept.
 
 from __future__ import annotations
 
-from tests.benchmarks.explained import distortion, excitation, identification, plant, region_maps, subharmonics
+from tests.benchmarks.explained import (
+    distortion,
+    excitation,
+    identification,
+    map_lines,
+    map_rates,
+    plant,
+    region_maps,
+    subharmonics,
+)
 from tests.benchmarks.subjects import run_subjects
 
-PAGES = (distortion, excitation, identification, plant, region_maps, subharmonics)
+PAGES = (distortion, excitation, identification, map_lines, map_rates, plant, region_maps, subharmonics)
 
 
 def main() -> None:
