@@ -175,7 +175,7 @@ def test_a_held_input_acts_after_its_delay(delay: float) -> None:
 def test_a_simulation_has_the_response_of_python_control() -> None:
     ours, signals = system(), np.random.default_rng(1).standard_normal((100, 2))
     start = np.arange(4.0)
-    theirs = control.forced_response(ours.to_control(), None, signals.T, initial_state=start).outputs.T
+    theirs = control.forced_response(ours.to_control(), None, signals.T, start).outputs.T
     np.testing.assert_allclose(simulate(ours, signals, start), theirs, rtol=1e-9, atol=1e-9)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.inputs import inputs_of, load_loop
+from amb_bringup.graph.packages import find_executable
 from amb_core.ground.errors import ProjectError
 from amb_core.report.project import Kind, State, status_of
 from amb_core.robustness import sha256_of
@@ -127,8 +129,8 @@ def test_the_next_commands_lead_from_an_empty_folder_to_the_map(folder: Path, tm
 
 
 def test_the_command_shows_the_same_as_json(folder: Path) -> None:
-    shown = CliRunner().invoke(app, ["status", str(folder), "--json"])
-    assert shown.exit_code == 0
+    amb = str(find_executable("amb_bringup", "amb"))
+    shown = subprocess.run([amb, "status", str(folder), "--json"], capture_output=True, text=True, check=True)
     content = json.loads(shown.stdout)
     assert [item["state"] for item in content["items"]] == ["current"] * 4
     assert content["next"] == status_of(folder).as_dict()["next"]

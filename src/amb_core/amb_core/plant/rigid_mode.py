@@ -19,6 +19,7 @@ _NOT_OF_THE_ROTOR = ("flux", "circulating", "memory", "integral", "charge", "vol
 _LEAST_PARTICIPATION = 0.1
 _LEAST_SHARE = 0.9  # of the motion of an output, relative to the mode that moves it most
 _SAME_RATE = 1e-4
+_REAL = 1e-7  # imaginary part over magnitude: rounding splits a double pole by its square root, 1e-8
 _LEAST_SHAPE = 1e-3
 _LEAST_ALIKE = 0.5  # modal assurance criterion of two shapes: 1 for the same, 0 for orthogonal ones
 
@@ -32,6 +33,8 @@ def rigid_pair(loop: LinearSystem, axis: str) -> NDArray[np.complex128] | None:
     """
     poles, vectors = linalg.eig(loop.a)
     rates = rates_of(poles, loop.sample_time)
+    # Two equal real poles, as of axes alike, are computed as a complex pair of about their size, or not, by rounding.
+    rates = np.where(np.abs(rates.imag) <= _REAL * np.abs(rates), rates.real, rates)
     modes = np.flatnonzero((_participation(loop, vectors) > _LEAST_PARTICIPATION) & (rates.imag >= 0.0))
     modes = modes[np.argsort(np.abs(rates[modes]), kind="stable")]
     if not len(modes):

@@ -57,7 +57,7 @@ def upper_of_blocks(matrix: Complexes, blocks: Blocks) -> tuple[float, Complexes
         return 0.0, eye, 0.0 * eye
     scaled, basis = matrix / size, _basis(blocks)
     best, at = 1.0, np.concatenate([np.zeros(len(basis.of_t)), np.zeros(len(basis.of_g))])
-    for sharp in SHARPNESS:
+    for sharp in SHARPNESS if len(at) else ():  # one full block has no scalings
         search = minimize(_smooth, at, (scaled, basis, sharp), jac=True, method="L-BFGS-B", options={"maxiter": _STEPS})
         value = _bound(scaled, *basis.scalings(search.x))
         if value <= best:

@@ -26,12 +26,14 @@ with extra("figures"):
     from matplotlib import ticker
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis as DrawnAxis
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import LogNorm, to_rgba
     from matplotlib.figure import Figure
 
 NARROW = 0.04  # share of a panel in which a letter has no room
 LETTER_WIDTH = 0.066  # of the legend's font (inch)
+LEGEND_PAD = 0.2  # between legend and edge of the figure, relative to its font
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "dashdot": "-."}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "triangle": "^", "cross": "x"}
 
@@ -59,16 +61,25 @@ def draw_figure(chart: Drawing) -> Figure:
             entries.setdefault(label, handle)
     figure.suptitle(_literal(chart.title), fontsize=12, wrap=True)
     if entries:
-        fitting = chart.size[0] / (LETTER_WIDTH * (6 + max(map(len, entries))))
-        figure.legend(
-            entries.values(),
-            map(_literal, entries),
-            loc="outside lower center",
-            ncols=max(1, min(4, int(fitting))),
-            fontsize=9,
-            frameon=False,
-        )
+        _draw_legend(figure, entries)
     return figure
+
+
+def _draw_legend(figure: Figure, entries: dict[str, Any]) -> None:
+    """Below the panels, which leave it room; Matplotlib does so by itself from version 3.7, stock Jazzy has 3.6."""
+    fitting = figure.get_figwidth() / (LETTER_WIDTH * (6 + max(map(len, entries))))
+    legend = figure.legend(
+        entries.values(),
+        map(_literal, entries),
+        loc="lower center",
+        ncols=max(1, min(4, int(fitting))),
+        fontsize=9,
+        frameon=False,
+        borderaxespad=LEGEND_PAD,
+    )
+    drawn = legend.get_window_extent(FigureCanvasAgg(figure).get_renderer())
+    share = drawn.y1 / figure.bbox.height
+    figure.set_layout_engine("constrained", rect=(0.0, share, 1.0, 1.0 - share))
 
 
 def _literal(text: str) -> str:
