@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from scipy import linalg
 from scipy.constants import mu_0
 
 from amb_core.ground.errors import ParameterError, PlantError
@@ -23,6 +24,7 @@ from amb_core.plant import (
     linearize,
 )
 from amb_core.plant.averaged import AveragedPlant
+from amb_core.plant.rigid_mode import rigid_pair
 from amb_core.plant.simulation import simulate
 
 AVERAGED = AmplifierParameters(switching=False)
@@ -268,6 +270,19 @@ def test_rigid_mode_of_an_overdamped_loop_has_two_real_poles(gravity):
         mode = model.rigid_mode(axis)
         assert mode.natural_hz == pytest.approx(65.0, abs=4.0)
         assert mode.damping_ratio == pytest.approx(0.49 * 150.0 / 38.0, rel=0.15)
+
+
+def test_equal_real_poles_that_rounding_makes_complex_are_those_of_the_rigid_mode():
+    """Axes alike have equal poles; what couples them by the last bits, as gyroscopic forces do, makes complex pairs."""
+    plant = Plant(PlantParameters(rotor=RotorParameters(gravity=0.0)))
+    loop = linearize(plant, ControllerParameters(derivative_gain=150.0)).closed_loop
+    across, coupled = [loop.state_names.index(name) for name in ("v_x", "v_y")], copy.deepcopy(loop)
+    coupled.a[across, across[::-1]] += 1e-10, -1e-10
+    split = np.abs(linalg.eigvals(coupled.a).imag)
+    assert np.any((split > 0.0) & (split < 1e-9))
+    pair = rigid_pair(coupled, "x")
+    assert pair == pytest.approx(rigid_pair(loop, "x"), rel=1e-6)
+    assert np.sqrt(np.prod(pair).real) / (2.0 * np.pi) == pytest.approx(65.0, abs=4.0)
 
 
 def test_a_rotor_pole_that_has_met_an_amplifier_pole_makes_no_rigid_mode():
