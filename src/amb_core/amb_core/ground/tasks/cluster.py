@@ -125,7 +125,7 @@ def _local_cluster(workers: int | None) -> SpecCluster:
             workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
             scheduler={"cls": Scheduler, "options": {**local, "security": security}},
             security=security,
-            silence_logs=logging.CRITICAL,
+            silence_logs=logging.CRITICAL + 1,  # critical, with a traceback, is a client that is gone: ours, by Ctrl-C
         )
 
 
