@@ -58,6 +58,14 @@ class KeptOutcomes(Generic[T]):
         with self._file.open("a") as file:
             file.write(f"\n{line}\n")  # a line that was cut does not take this one with it
 
+    def forget(self) -> None:
+        """Drop those of this code; those of other code, as of other tests, stay."""
+        if self._file is None or not self._file.exists():
+            return
+        of_ours = f'{{"code": {json.dumps(self._code)}, '
+        lines = self._file.read_text().splitlines(keepends=True)
+        self._file.write_text("".join(line for line in lines if not line.startswith(of_ours)))
+
 
 def computing_code(module: Path) -> str:
     """Of what amb_core, the C target and a module compute."""

@@ -128,9 +128,9 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # through the ends of the processes that run beside
     commit = checkout()
     file_of_runs = folder / "runs.jsonl" if commit and not settings.quick else None
-    if file_of_runs is not None and settings.anew:
-        file_of_runs.unlink(missing_ok=True)
     kept = KeptOutcomes(file_of_runs, " ".join([commit, *settings.tests]), Run.model_dump, Run.model_validate)
+    if settings.anew:
+        kept.forget()
     runs = kept.load()
     have = Counter(run.kind for run in runs)
     plan = [kind for kind in KINDS for _ in range(getattr(settings, kind) - have[kind])]

@@ -200,9 +200,9 @@ def main() -> int:
     out = settings.out or results_file("leaving.json", settings.quick)
     commit = checkout()
     file = out.with_suffix(".jsonl") if commit and not settings.quick else None
-    if file is not None and settings.anew:
-        file.unlink(missing_ok=True)
     kept = KeptOutcomes(file, commit, End.model_dump, End.model_validate)
+    if settings.anew:
+        kept.forget()
     ends = kept.load()
     have = Counter(end.kind for end in ends)
     wanted = {"idle": settings.ends, "loaded": settings.loaded}

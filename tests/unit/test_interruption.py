@@ -93,7 +93,7 @@ def test_no_traceback_whenever_ctrl_c_comes(executable: str, used: float, tmp_pa
     name = ("amb_bringup", "amb") if executable == "amb" else ("amb_sim_node", "simulator")
     command = [
         str(find_executable(*name)),
-        *(["map", "--duration", "600", "--cache", "cache"] if executable == "amb" else []),  # minutes
+        *(["map", "--duration", "600", "--cache", "cache"] if executable == "amb" else []),  # for minutes
     ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=tmp_path)
     last, since = 0.0, time.monotonic()

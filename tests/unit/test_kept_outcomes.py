@@ -39,9 +39,18 @@ def test_outcomes_of_other_code_do_not_count(tmp_path: Path) -> None:
     assert kept(tmp_path, "two").load() == []
 
 
+def test_what_is_forgotten_is_that_of_this_code_only(tmp_path: Path) -> None:
+    kept(tmp_path).add(3)
+    kept(tmp_path, "two").add(4)
+    kept(tmp_path).forget()
+    assert kept(tmp_path).load() == []
+    assert kept(tmp_path, "two").load() == [4]
+
+
 def test_nothing_is_kept_without_a_file() -> None:
     none: KeptOutcomes[int] = KeptOutcomes(None, "one", lambda value: {}, lambda row: 0)
     none.add(1)
+    none.forget()
     assert none.load() == []
 
 

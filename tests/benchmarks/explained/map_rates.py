@@ -44,11 +44,25 @@ class Held(Figures):
     below_um: list[float]
 
 
-class MapRates(Figures):
-    """What `measure` returns, by bearing."""
+class AllSwept(Figures):
+    """Sweeps by bearing."""
 
-    swept: dict[str, AtRates]
-    held: dict[str, Held]
+    supply_30_v: AtRates
+    slow_amplifier: AtRates
+
+
+class AllHeld(Figures):
+    """Fixed sines by bearing."""
+
+    supply_30_v: Held
+    slow_amplifier: Held
+
+
+class MapRates(Figures):
+    """What `measure` returns."""
+
+    swept: AllSwept
+    held: AllHeld
 
 
 SMALLEST: dict[str, Any] = {
