@@ -1,4 +1,4 @@
-"""The first session with an emulated rig, in real time, to its end."""
+"""The first session with an emulated rig, slower than real time as other programs run beside, to its end."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ import pytest
 from amb_bringup.graph.packages import find_executable
 from amb_core.recording import Recording, audit_steps
 from tests.graph.conftest import Graph
+from tests.graph.rig import unhurried_file
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_session_levitates_excites_identifies_lands_and_reports(graph: Graph, tmp_path: Path) -> None:
     out = tmp_path / "session"
-    process = graph.start_command([str(find_executable("amb_bringup", "amb")), "rig", "demo", "--out", str(out)])
+    command = [str(find_executable("amb_bringup", "amb")), "rig", "demo", "--out", str(out)]
+    process = graph.start_command([*command, "--params", str(unhurried_file(tmp_path))])
     process.wait_for_end(800.0)
     assert process.returncode == 0, process.said
     summary = json.loads((out / "summary.json").read_text())
