@@ -78,9 +78,10 @@ class Bearing:
         assert (answer.run, answer.first_step) == (run, first_step)
 
     def wait_for_step(self, run: int, step: int) -> None:
-        self.graph.wait_until(
-            lambda: any(state.run == run and state.step >= step for state in self.states), f"step {step} of run {run}"
-        )
+        """Wait as long as the simulator's own clock goes on, however slowly."""
+        while not any(state.run == run and state.step >= step for state in self.states):
+            heard = len(self.states)
+            self.graph.wait_until(lambda heard=heard: len(self.states) > heard, f"step {step} of run {run}")
 
     def wait_for_mode(self, mode: int) -> SimulatorState:
         self.graph.wait_until(lambda: self.states and self.states[-1].mode == mode, f"mode {mode}")

@@ -151,7 +151,9 @@ class Rig:
         )
 
     def wait_for_step(self, step: int) -> None:
-        self.graph.wait_until(lambda: self.state.step >= step, f"step {step}")
+        """Wait as long as the target's own clock goes on, however slowly."""
+        while (now := self.state.step) < step:
+            self.graph.wait_until(lambda now=now: self.state.step != now, f"a step after {now}, on the way to {step}")
 
     def record(self, run: int, steps: int) -> LoopRecord:
         def mine() -> list[LoopSamples]:

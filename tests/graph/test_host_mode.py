@@ -89,7 +89,7 @@ def test_without_its_controller_node_the_rig_trips_or_lands_as_configured(
 
 
 def test_without_a_controller_node_it_does_not_levitate(graph: Graph) -> None:
-    rig = Rig(graph, bridge={"mode": "host"})
+    rig = Rig(graph, emulator=LOCK_STEP, bridge={"mode": "host"})
     assert rig.change("configure")
     assert not rig.change("activate")
     graph.wait_until(lambda: "start a controller node, such as pd_controller" in rig.state.problem, "the reason")
