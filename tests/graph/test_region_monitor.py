@@ -231,6 +231,15 @@ class Monitored:
             self.loop.publish(run, record, block)
         return run
 
+    def wait_for_health(self, region: str) -> None:
+        """Wait until the last status of the monitor on /diagnostics begins with this region."""
+
+        def last() -> str:
+            own = [status for status in self.bearing.diagnostics if status.name == "amb/region_monitor"]
+            return own[-1].message.split(";")[0] if own else ""
+
+        self.bearing.graph.wait_until(lambda: last() == region, f"'{region}' on /diagnostics")
+
     def wait_for_report(self, text: str) -> None:
         """Wait until the monitor reports this on /diagnostics."""
         self.bearing.graph.wait_until(
@@ -251,6 +260,14 @@ def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: Loop
         messages = monitored.listener.wait_for(run, drifting.steps - 1)
         assert len(messages) == len(expected)
         assert all(map(same, messages, expected)), f"blocks of {block}"
+
+
+def test_health_says_whether_the_region_is_judged_yet(monitored: Monitored, drifting: LoopRecord) -> None:
+    for steps, said in ((1_000, "region A, steady bias, still settling"), (9_000, "region A, steady bias")):
+        last = classify(drifting.window(0, steps)).states[-1]
+        assert (last.region, last.settled) == (Region.A, steps == 9_000)
+        monitored.play(drifting.window(0, steps))
+        monitored.wait_for_health(said)
 
 
 def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, drifting: LoopRecord) -> None:
