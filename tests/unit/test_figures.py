@@ -11,6 +11,9 @@ import pytest
 from amb_core.ground.errors import AmbError
 from amb_core.loop.records import LoopRecord
 from amb_core.report.figures import orbit_chart, plot, response_chart
+from amb_core.report.figures.chart import Chart
+from amb_core.report.figures.drawing import Axis, Curve, Panel
+from amb_core.report.figures.style import BLUE, Stroke
 
 
 @pytest.fixture
@@ -48,6 +51,18 @@ def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRe
 def test_the_plant_is_drawn_alone_where_there_is_no_model(measured: LoopRecord) -> None:
     assert len(orbit_chart(measured).figure().axes[0].get_lines()) == 1
     assert len(response_chart(measured).figure().axes[0].get_lines()) == 2
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("value", "log"), [(3000.0, True), (3000.0, False), (-2.0, False), (0.0, False)])
+def test_an_axis_of_a_single_value_has_room_around_it(value: float, log: bool) -> None:
+    axis = Axis("speed (rpm)", log, limits=(value, value))
+    item = Curve(np.full(1, value), np.ones(1), "", Stroke(BLUE))
+    chart = Chart("speeds", "one speed", (Panel(axis, Axis("frequency (Hz)"), (item,)),))
+    left, right = chart.figure().axes[0].get_xlim()
+    assert left < value < right
+    low, high = chart.page().layout.xaxis.range
+    assert low < (np.log10(value) if log else value) < high
 
 
 def test_figures_are_saved_as_png(measured: LoopRecord, tmp_path: Path) -> None:

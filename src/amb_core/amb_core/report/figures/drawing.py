@@ -19,6 +19,7 @@ Values = NDArray[Any]
 
 WIDE = 3000.0  # ratio of the ends of a logarithmic axis above which only powers of ten are numbered
 NARROW = 4.0  # likewise, below which every digit is
+SINGLE = 1.1  # ratio to a single value of the ends of an axis that shows nothing else
 
 
 @dataclass(frozen=True)
@@ -123,11 +124,18 @@ Item = Curve | Points | Band | Span | Rule | Note | Heat | HoverGrid
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: its label with the unit, whether it is logarithmic, and its ends (None: from the data)."""
+    """An axis: its label with the unit, whether it is logarithmic, and its ends (None: from the data).
+
+    Ends that are equal, as of a single speed or frequency, are moved apart; no axis can be drawn between them.
+    """
 
     label: str
     log: bool = False
     limits: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.limits is not None and self.limits[0] == self.limits[1]:
+            object.__setattr__(self, "limits", _apart(self.limits[0], self.log))
 
 
 @dataclass(frozen=True)
@@ -151,6 +159,13 @@ class Panel:
         values = np.concatenate([np.zeros(0), *(_values(item, direction) for item in self.items)])
         shown = values[np.isfinite(values) & ((values > 0.0) | (not axis.log))]
         return (float(shown.min()), float(shown.max())) if shown.size else (1.0, 10.0)
+
+
+def _apart(value: float, log: bool) -> tuple[float, float]:
+    if log:
+        return value / SINGLE, value * SINGLE
+    distance = (SINGLE - 1.0) * abs(value) or 1.0
+    return value - distance, value + distance
 
 
 def _values(item: Item, direction: Literal["x", "y"]) -> Values:
