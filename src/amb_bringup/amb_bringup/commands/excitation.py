@@ -227,11 +227,11 @@ def _measures_table(measures: tuple[AxisMeasure, ...]) -> Table:
 
 def _design_table(designed: DesignedExcitation) -> Table:
     table = Table("quantity", "value", title=f"Designed {designed.signal.kind}")
-    table.add_row("amplitude", f"{UM * designed.amplitude:.3f} um")
-    table.add_row("largest within the limits", f"{UM * designed.largest_amplitude:.3f} um")
+    table.add_row("amplitude", f"{UM * designed.amplitude:.4g} um")
+    table.add_row("largest within the limits", f"{UM * designed.largest_amplitude:.4g} um")
     table.add_row("limited by", designed.limited_by)
     if designed.predicted_amplitude is not None:
-        table.add_row("largest in region A by the map", f"{UM * designed.predicted_amplitude:.3f} um")
+        table.add_row("largest in region A by the map", f"{UM * designed.predicted_amplitude:.4g} um")
     if designed.distortion is not None:
         table.add_row("nonlinear distortion, random phases", designed.distortion.summary.partition(": ")[2])
     table.add_row("seeds", str(len(designed.certificate.trials)))
