@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.estimate.predictor import experiment_factor, experiments, innovations, kalman_gain
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import LARGEST_RADIUS
 
+_ADDED = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)  # shares of the noise of each state, in turn until there is a gain
 _LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
 _MOST_ITERATIONS = 15
 
@@ -82,8 +85,17 @@ def fit_kalman_gain(
 
 
 def _gain_of_noise(model: StateSpaceModel) -> Arrays:
-    """That of the Kalman filter for the noise of the model."""
+    """That of the Kalman filter for the noise of the model, with a little more noise where there is none for it.
+
+    There is none if a zero of the noise model is on the unit circle, or too close to it for the Riccati equation to be
+    solved: modes that the fit of the simulation has moved do that. Any stable predictor is a start.
+    """
     # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
     root = linalg.cholesky(model.innovation_covariance, lower=True)
     unit, gain = np.linalg.inv(root), model.k @ root
-    return kalman_gain(model.a, unit @ model.c, gain @ gain.T, np.eye(len(root)), gain) @ unit
+    noise = gain @ gain.T
+    for share in _ADDED:
+        with suppress(IdentificationError):
+            added = share * np.diag(np.diag(noise))
+            return kalman_gain(model.a, unit @ model.c, noise + added, np.eye(len(root)), gain) @ unit
+    return kalman_gain(model.a, unit @ model.c, noise, np.eye(len(root)), gain) @ unit
