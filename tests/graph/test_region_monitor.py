@@ -270,6 +270,18 @@ def test_health_says_whether_the_region_is_judged_yet(monitored: Monitored, drif
         monitored.wait_for_health(said)
 
 
+def test_health_says_at_once_that_the_rotor_delevitated(monitored: Monitored, drifting: LoopRecord) -> None:
+    """Region D is judged by the position alone: nothing has to settle."""
+    start = drifting.window(0, 1_000)
+    position = start.position.copy()
+    position[800:, 1] = -400e-6
+    fallen = LoopRecord(0, 1e-4, start.reference, position, start.current)
+    last = classify(fallen).states[-1]
+    assert (last.region, last.settled) == (Region.D, False)
+    monitored.play(fallen)
+    monitored.wait_for_health("region D, delevitated")
+
+
 def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, drifting: LoopRecord) -> None:
     parts = drifting.window(0, 5_000), drifting.window(6_000, 9_000)
     run = monitored.play(*parts)

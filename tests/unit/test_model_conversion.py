@@ -236,6 +236,17 @@ def test_a_model_that_is_all_unstable_or_all_stable_can_be_given() -> None:
     assert reduce_balanced(stable, 1).error_bound == pytest.approx(2.0 / (1.0 - 0.5**2))
 
 
+@pytest.mark.parametrize("zero", [1.0, -1.0])
+def test_a_reduction_without_a_stabilising_gain_still_predicts(zero: float) -> None:
+    """What is left of the noise model has a zero on the unit circle: the Riccati equation has no solution."""
+    full = replace(
+        blank(2), a=np.diag([0.9, 0.1]), b=np.diag([1.0, 1e-6]), c=np.array([[1.0, 1e-6], [0.0, 0.0]]),
+        k=np.array([[0.9 - zero, 0.0], [0.0, 0.0]]),
+    )  # fmt: skip
+    model = reduce_balanced(full, 1).model
+    assert np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max() < 1.0
+
+
 def find_gain(model: StateSpaceModel) -> np.ndarray:
     gain: np.ndarray = control.dlqr(model.a.T, model.c.T, np.eye(3), np.eye(2))[0].T
     return gain

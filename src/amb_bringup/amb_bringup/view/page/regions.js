@@ -20,9 +20,10 @@ export function showRegions(list, region, unjudged = "") {
     const [lamp, name, evidence] = item.children;
     lamp.textContent = unjudged ? "–" : axis.region;
     lamp.dataset.region = unjudged ? "none" : axis.region;
-    lamp.dataset.settled = region.settled;
+    const settling = axis.region === "A" && !region.settled; // delevitation is seen at once
+    lamp.dataset.settled = !settling;
     name.firstChild.textContent = axis.name;
-    name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (region.settled ? "" : ", still settling")}`;
+    name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (settling ? ", still settling" : "")}`;
     const text = unjudged ? "" : evidenceOf(axis).join(" · ");
     if (evidence.textContent !== text) evidence.textContent = text;
   });

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numba
 import numpy as np
@@ -27,6 +28,7 @@ from amb_core.linear.small_matrices import add_product, set_matrix_product, set_
 
 _BLOCK = 10_000  # samples whose regressors are held at once, fewer if these are many
 _ENTRIES = 2_420_000  # of the regressors held at once: 20 MB
+_ADDED = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)  # shares of the noise of each state, in turn until there is a gain
 _SMALLEST_SINGULAR_VALUE = 1e-9  # of the regressors, relative to the largest; good data stay above 1e-6
 
 
@@ -144,6 +146,38 @@ def kalman_gain(
     if not radius < 1.0:
         raise IdentificationError(f"the predictor of order {n} is unstable (spectral radius {radius:.6g})")
     return np.asarray(k)
+
+
+def filter_gain(
+    a: NDArray[np.float64], c: NDArray[np.float64], k: NDArray[np.float64], covariance: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Gain of the Kalman filter for the noise of a model whose own K makes no stable predictor, shape (n, p).
+
+    There is none if a zero of the noise model is on the unit circle, or too close to it for the Riccati equation to be
+    solved: modes that a fit has moved or a reduction has left out do that. With a little more noise of the states there
+    is one.
+
+    Parameters
+    ----------
+    a, c, k : ndarray, shapes (n, n), (p, n), (n, p)
+        System matrices, and how the innovations move the states.
+    covariance : ndarray, shape (p, p)
+        Of the innovations.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no such gain with more noise either.
+    """
+    # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
+    root = linalg.cholesky(covariance, lower=True)
+    unit, gain = np.linalg.inv(root), k @ root
+    noise = gain @ gain.T
+    for share in _ADDED:
+        with suppress(IdentificationError):
+            added = share * np.diag(np.diag(noise))
+            return kalman_gain(a, unit @ c, noise + added, np.eye(len(root)), gain) @ unit
+    return kalman_gain(a, unit @ c, noise, np.eye(len(root)), gain) @ unit
 
 
 def innovations(

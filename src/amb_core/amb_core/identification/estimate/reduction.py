@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification.estimate.predictor import kalman_gain
+from amb_core.identification.estimate.predictor import filter_gain
 from amb_core.linear.model.state_space import StateSpaceModel
 
 _BOUNDARY = 1.0 - 1e-9  # from this magnitude onwards a pole belongs to the unstable part, as integrators do
@@ -80,8 +80,7 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
     into, out_of = into[:order], out_of[:, :order]
     a, c, k = into @ model.a @ out_of, model.c @ out_of, into @ model.k
     if np.max(np.abs(np.linalg.eigvals(a - k @ c))) >= 1.0:
-        noise = model.innovation_covariance
-        k = kalman_gain(a, c, k @ noise @ k.T, noise, k @ noise)
+        k = filter_gain(a, c, k, model.innovation_covariance)
     reduced = replace(
         model,
         a=a,

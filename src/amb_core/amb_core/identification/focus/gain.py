@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.levenberg_marquardt import minimise
-from amb_core.identification.estimate.predictor import experiment_factor, experiments, innovations, kalman_gain
+from amb_core.identification.estimate.predictor import experiment_factor, experiments, filter_gain, innovations
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import LARGEST_RADIUS
 
-_ADDED = (0.0, 1e-8, 1e-6, 1e-4, 1e-2)  # shares of the noise of each state, in turn until there is a gain
 _LEAST_GAIN = 1e-4  # relative decrease of the squared errors at which the search ends
 _MOST_ITERATIONS = 15
 
@@ -53,7 +50,7 @@ def fit_kalman_gain(
     """
     lengths = [len(part) for part in inputs]
     joined_inputs, joined_outputs = np.vstack(inputs), np.vstack(outputs)
-    first = _gain_of_noise(model) if start is None else start
+    first = filter_gain(model.a, model.c, model.k, model.innovation_covariance) if start is None else start
 
     def errors_of(k: Arrays) -> Arrays:
         return innovations(model.a, model.b, model.c, k, initial_states, joined_inputs, joined_outputs, lengths)
@@ -82,20 +79,3 @@ def fit_kalman_gain(
     k = minimise(first, squares, linearise, move, most_iterations=_MOST_ITERATIONS, least_gain=_LEAST_GAIN).point
     errors = errors_of(k)
     return replace(model, k=k, innovation_covariance=errors.T @ errors / len(errors))
-
-
-def _gain_of_noise(model: StateSpaceModel) -> Arrays:
-    """That of the Kalman filter for the noise of the model, with a little more noise where there is none for it.
-
-    There is none if a zero of the noise model is on the unit circle, or too close to it for the Riccati equation to be
-    solved: modes that the fit of the simulation has moved do that. Any stable predictor is a start.
-    """
-    # For innovations of variance 1: with the squares of positions in m the Riccati equation is too badly scaled.
-    root = linalg.cholesky(model.innovation_covariance, lower=True)
-    unit, gain = np.linalg.inv(root), model.k @ root
-    noise = gain @ gain.T
-    for share in _ADDED:
-        with suppress(IdentificationError):
-            added = share * np.diag(np.diag(noise))
-            return kalman_gain(model.a, unit @ model.c, noise + added, np.eye(len(root)), gain) @ unit
-    return kalman_gain(model.a, unit @ model.c, noise, np.eye(len(root)), gain) @ unit
