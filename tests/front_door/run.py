@@ -1,7 +1,7 @@
 """`make quick`: runs the programs of the front door at their smallest size, and checks that they write every key.
 
 `python -m tests.front_door.run tests.validation.run` runs one. Results, outputs (.txt) and summary.json are left in
-results/quick. Two programs run at a time, as they wait more than they compute. With --again, what fails runs a second
+results/quick. Three programs run at a time, as they wait more than they compute. With --again, what fails runs a second
 time, alone, as continuous integration does on a machine that others load; the summary names what needed it.
 """
 
@@ -25,7 +25,7 @@ from tests.front_door.entries import PROGRAMS, Program
 from tests.front_door.figures import problems
 from tests.front_door.results import ROOT, results_file
 
-AT_A_TIME = 2
+AT_A_TIME = 3
 LINES = 60  # of the output of a program that fails, which are shown at the end
 LONGEST = 900.0  # s, that a program may take on a machine with much other work
 
