@@ -34,6 +34,7 @@ class ServedEmulator:
         limits: dict[str, float] | None = None,
         port: int = 0,
         host: str = LOCALHOST,
+        block: int = BLOCK,
     ) -> None:
         self.emulator = TargetEmulator(
             plant or PlantParameters(),
@@ -49,7 +50,7 @@ class ServedEmulator:
         self.address = self.emulator.where if host == PSEUDO_TERMINAL else host
         self._lock = threading.Lock()
         self._paused = False
-        self._block = BLOCK
+        self._steps = self._block = block
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -77,7 +78,7 @@ class ServedEmulator:
 
     def stop_steps(self, stopped: bool) -> None:
         """Let the target make no control step, as on a machine that is late; it still answers."""
-        self._block = 0 if stopped else BLOCK
+        self._block = 0 if stopped else self._steps
 
     def _run(self) -> None:
         while not self._ended.is_set():

@@ -8,6 +8,7 @@ import pytest
 
 from amb_core.ground.errors import TargetError
 from amb_core.rig.link.conformance import Exchange, check_target
+from tests.served_emulator import ServedEmulator
 from tests.soak.conformance import FAULTS, named
 
 
@@ -20,6 +21,16 @@ def test_the_example_keeps_to_the_protocol() -> None:
 )
 def test_a_planted_fault_is_named(name: str) -> None:
     assert FAULTS[name].check in {one.check for one in named(FAULTS[name])}
+
+
+def test_a_target_slower_than_real_time_keeps_to_all_but_the_timing() -> None:
+    """A status every 100 ms is one of the target's own time, which an emulator on a loaded machine has less of."""
+    with ServedEmulator(block=1) as served:
+        target = Exchange(served.address, served.port, b"", 5.0)
+        try:
+            assert {one.check for one in check_target(target)} == {"timing"}
+        finally:
+            target.close()
 
 
 def test_there_are_thirty_planted_faults_at_least() -> None:

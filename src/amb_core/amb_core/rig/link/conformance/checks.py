@@ -35,6 +35,7 @@ from amb_core.rig.link.upload import Upload
 
 _RATE = 0.01  # relative error of rates
 _TRIES = 3  # of the timing
+_STATUS_WITHIN = 0.25  # s of the target's own time, of the 0.1 s in which it comes
 Check = Callable[[Exchange], Iterator[str]]
 
 
@@ -266,7 +267,7 @@ def _telemetry(target: Exchange) -> Iterator[str]:
         row = width * (3 * axes + (coils if options & 2 else 0) + (1 if options & 4 else 0))
         rows = min((LARGEST_FRAME - HEADER.size - 8 - CHECKSUM) // row, 50)
         yield from _code(target, f"STREAM with options {options}", commands.stream(rows, options), Code.DONE)
-        heard = target.listen(0.25 if options in (0, 7) else 0.05)
+        heard = target.listen(0.05)
         if not any(isinstance(one.answer, TelemetryBlock | Refusal) for one in heard):  # a port that waits for its turn
             heard += target.listen(target.patience)
         blocks = [one.answer for one in heard if isinstance(one.answer, TelemetryBlock)]
@@ -278,11 +279,32 @@ def _telemetry(target: Exchange) -> Iterator[str]:
             yield f"telemetry with options {options}: none comes"
             continue
         yield from _blocks(blocks, rows, options)
-        if options in (0, 7) and not any(isinstance(one.answer, TargetStatus) for one in heard):
-            yield "no STATUS within 250 ms of telemetry"
+        if options in (0, 7):
+            yield from _status(target, heard)
     yield from _code(target, "STREAM of nothing", commands.stream(0), Code.DONE)
     if any(isinstance(one.answer, TelemetryBlock) for one in target.listen(0.1)):
         yield "telemetry goes on after STREAM of 0 samples"
+
+
+def _status(target: Exchange, heard: list[Received]) -> Iterator[str]:
+    """Go on listening until a status has come, or telemetry without a lost frame is so long that it had to come."""
+    until, time_heard = time.monotonic() + target.patience, 0.0
+    while not any(isinstance(one.answer, TargetStatus) for one in heard):
+        time_heard = _longest_whole(heard) / target.description.sample_rate
+        if time_heard >= _STATUS_WITHIN or time.monotonic() > until:
+            yield f"no STATUS within {1e3 * time_heard:.0f} ms of telemetry"
+            return
+        heard = heard + target.listen(0.05)
+
+
+def _longest_whole(heard: list[Received]) -> int:
+    """Steps of the longest stretch of telemetry in which no frame was lost on the way."""
+    blocks = [one.answer for one in heard if isinstance(one.answer, TelemetryBlock)]
+    longest, first = 0, blocks[0]
+    for before, later in pairwise(blocks):
+        first = first if later.sequence == before.sequence + 1 else later
+        longest = max(longest, later.first_step - first.first_step)
+    return longest
 
 
 def _blocks(blocks: list[TelemetryBlock], rows: int, options: int) -> Iterator[str]:
