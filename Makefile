@@ -92,7 +92,7 @@ bench-verdicts: setup  ## verdicts on true and wrong models of random bearings; 
 .venv-peers/.complete: tests/benchmarks/ident/peers.txt
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
-.venv-docs/.complete: docs/requirements.hashes  # an environment of its own that sees the packages of .venv
+.venv-docs/.complete: docs/requirements.hashes | setup  # an environment of its own that sees the packages of .venv
 	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes -r $<
 	@cd .venv-docs/lib/python3*/site-packages && ls -d ../../../../.venv/lib/python3*/site-packages > workbench.pth
 	@touch $@
