@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import socket
 import ssl
@@ -9,7 +11,7 @@ from collections.abc import Iterator
 
 import psutil
 import pytest
-from distributed import Client, Security
+from distributed import Client, Security, SpecCluster
 
 from amb_core.ground.tasks.cluster import open_cluster
 
@@ -54,6 +56,28 @@ def test_the_key_is_in_no_argument_which_every_user_can_read(cluster: Client) ->
     workers = psutil.Process().children(recursive=True)
     assert workers
     assert not any("PRIVATE KEY" in argument for worker in workers for argument in worker.cmdline())
+
+
+def test_what_dask_does_after_the_end_is_no_word_to_the_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its event loop ends later than the cluster, and may find closed connections by then (a Ctrl-C)."""
+    log, shown, close = logging.getLogger("distributed"), io.StringIO(), SpecCluster._close
+
+    async def close_and_go_on(cluster: SpecCluster) -> None:
+        await close(cluster)
+        for kind in ("batched", "client", "gc", "scheduler"):
+            logging.getLogger(f"distributed.{kind}").critical("after the end")
+
+    monkeypatch.setattr(SpecCluster, "_close", close_and_go_on)
+    handler = logging.StreamHandler(shown)
+    log.addHandler(handler)
+    levels = [logging.getLogger(name).level for name in ("distributed", "distributed.client", "distributed.gc")]
+    try:
+        with open_cluster(workers=1) as client:
+            assert client.submit(os.getpid).result() != os.getpid()
+    finally:
+        log.removeHandler(handler)
+    assert shown.getvalue() == ""
+    assert levels == [logging.getLogger(name).level for name in ("distributed", "distributed.client", "distributed.gc")]
 
 
 def _answers(port: int, encrypted: bool) -> bool:

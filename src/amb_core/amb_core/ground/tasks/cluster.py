@@ -28,6 +28,7 @@ with extra("cluster"):
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 ENCRYPTED = ("tls://", "wss://")
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
+_LOGS = ("distributed", "distributed.client", "distributed.gc")  # dask gives each its own level
 
 logger = logging.getLogger(__name__)
 
@@ -65,6 +66,7 @@ def open_cluster(scheduler: str | None = None, workers: int | None = None) -> It
             "omit workers"
         )
     with contextlib.ExitStack() as resources:
+        resources.enter_context(_without_logs())
         if scheduler is None:
             cluster = resources.enter_context(_local_cluster(workers))
             yield resources.enter_context(Client(cluster, security=cluster.security, set_as_default=False))
@@ -125,17 +127,29 @@ def _local_cluster(workers: int | None) -> SpecCluster:
             workers=dict.fromkeys(range(workers or len(os.sched_getaffinity(0))), worker),
             scheduler={"cls": Scheduler, "options": {**local, "security": security}},
             security=security,
-            silence_logs=logging.CRITICAL + 1,  # critical, with a traceback, is a client that is gone: ours, by Ctrl-C
         )
 
 
 @contextlib.contextmanager
-def _connect(scheduler: str) -> Iterator[Client]:
-    # dask gives the second logger its own level, and logs there a lost scheduler with a traceback
-    logs = [logging.getLogger(name) for name in ("distributed", "distributed.client")]
+def _without_logs() -> Iterator[None]:
+    """Keep dask's logs from the user, to the end of its event loop, which is later than that of a cluster.
+
+    They tell of a lost scheduler, of connections that are closed and, as critical, of a client that is gone: ours, by
+    Ctrl-C; each with a traceback. Problems that the user can do something about are errors and warnings of ours.
+    """
+    logs = [logging.getLogger(name) for name in _LOGS]
     levels = [log.level for log in logs]
     for log in logs:
-        log.setLevel(logging.CRITICAL)
+        log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for log, level in zip(logs, levels, strict=True):
+            log.setLevel(level)
+
+
+@contextlib.contextmanager
+def _connect(scheduler: str) -> Iterator[Client]:
     if not scheduler.startswith(ENCRYPTED):
         logger.warning(
             "scheduler %s is not encrypted: whoever reaches its port runs code as you, and as its workers; start it "
@@ -143,17 +157,13 @@ def _connect(scheduler: str) -> Iterator[Client]:
             scheduler,
         )
     try:
-        try:
-            client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError):
-            raise TaskError(
-                f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, with the same "
-                "version of dask, and with the certificate of your configuration of dask (distributed.comm.tls)?"
-            ) from None
-        with client:
-            if not client.scheduler_info()["workers"]:
-                logger.warning("scheduler %s has no workers yet; its work waits for one", scheduler)
-            yield client
-    finally:
-        for log, level in zip(logs, levels, strict=True):
-            log.setLevel(level)
+        client = Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError):
+        raise TaskError(
+            f"scheduler {scheduler} does not answer within {CONNECT_TIMEOUT:g} s; is it running, with the same "
+            "version of dask, and with the certificate of your configuration of dask (distributed.comm.tls)?"
+        ) from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            logger.warning("scheduler %s has no workers yet; its work waits for one", scheduler)
+        yield client
