@@ -43,3 +43,17 @@ def test_the_gain_does_not_depend_on_the_unit_of_the_outputs(seed: int) -> None:
     np.testing.assert_allclose(poles[1], poles[0], rtol=1e-3, atol=1e-6 * np.abs(poles[0]).max())
     radius = np.abs(np.linalg.eigvals(model_of(seed, 1.0).a - poles[0] @ model_of(seed, 1.0).c)).max()
     assert radius < 1.0
+
+
+@pytest.mark.parametrize("zero", [1.0, -1.0, 0.5, 1.5])
+def test_a_noise_model_with_a_zero_anywhere_gives_a_stable_predictor(zero: float) -> None:
+    """A zero on the unit circle leaves the Riccati equation without a stabilising solution."""
+    one, steps = np.ones((1, 1)), 500
+    model = StateSpaceModel(
+        a=0.9 * one, b=one, c=one, d=0.0 * one, k=(0.9 - zero) * one, innovation_covariance=one,
+        input_offset=np.zeros(1), output_offset=np.zeros(1), initial_state=np.zeros(1),
+        sample_time=1e-4, input_names=("i",), output_names=("x",),
+    )  # fmt: skip
+    outputs = np.random.default_rng(1).normal(size=(steps, 1))
+    found = fit_kalman_gain(model, [np.zeros((steps, 1))], [outputs], np.zeros((1, 1)))
+    assert np.abs(np.linalg.eigvals(found.a - found.k @ found.c)).max() < 1.0

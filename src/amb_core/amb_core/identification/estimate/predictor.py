@@ -151,11 +151,10 @@ def kalman_gain(
 def filter_gain(
     a: NDArray[np.float64], c: NDArray[np.float64], k: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Gain of the Kalman filter for the noise of a model whose own K makes no stable predictor, shape (n, p).
+    """Gain of the Kalman filter for the noise of a model: its own K if that makes a stable predictor, shape (n, p).
 
-    There is none if a zero of the noise model is on the unit circle, or too close to it for the Riccati equation to be
-    solved: modes that a fit has moved or a reduction has left out do that. With a little more noise of the states there
-    is one.
+    The Riccati equation gives none if a zero of the noise model is on the unit circle, or too close to it: modes that
+    a fit has moved or a reduction has left out do that. With a little more noise of the states there is one.
 
     Parameters
     ----------
