@@ -38,18 +38,16 @@ test-graph: setup  ## the graph tests COUNT=10 times, with a summary of the fail
 	@$(RUN) python -m tests.stress --idle $(COUNT) $(if $(ANEW),--anew) tests/graph
 
 IDLE ?= 10
-LOADED ?= 5
 NICE ?= 3
 stress: setup  ## what `make test` runs, IDLE=10 times alone, LOADED=5 under load, NICE=3 with low priority (hours); resumes on the same commit; writes results/stress.json
-	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(LOADED) --nice $(NICE) $(if $(ANEW),--anew)
+	@$(RUN) python -m tests.stress --idle $(IDLE) --loaded $(or $(LOADED),5) --nice $(NICE) $(if $(ANEW),--anew)
 
 floor:  ## the unit tests with the oldest versions allowed, those of a stock Jazzy (half an hour); makes .floor
 	@bash scripts/floor.sh
 
 ENDS ?= 400
-LOADED ?= 100
 leaving: setup  ## ends of graphs at the worst moment, ENDS=400 idle and LOADED=100 under load (hours); resumes on the same commit; writes results/leaving.json
-	@$(RUN) python -m tests.stress_leaving --ends $(ENDS) --loaded $(LOADED) $(if $(ANEW),--anew)
+	@$(RUN) python -m tests.stress_leaving --ends $(ENDS) --loaded $(or $(LOADED),100) $(if $(ANEW),--anew)
 
 validate: setup  ## the plant against independent solutions; writes results/validation.json
 	@$(RUN) python -m tests.validation.run

@@ -50,6 +50,24 @@ def test_help_lists_every_target() -> None:
     assert {line.split()[0] for line in shown.splitlines()} == set(TARGETS)
 
 
+DEFAULTS = [
+    (line.partition(":")[0], name, value)
+    for line in MAKEFILE.splitlines()
+    if re.match(r"[a-z-]+:.*## ", line)
+    for name, value in re.findall(r"([A-Z]+)=(\d+)", re.sub(r"\(.*?\)", "", line))
+]
+"""Target, variable and value, of those that its help names outside parentheses: in them are other choices."""
+
+
+@pytest.mark.parametrize(("target", "name", "value"), DEFAULTS)
+def test_a_value_that_help_names_is_the_default_of_its_target(target: str, name: str, value: str) -> None:
+    def would_run(*settings: str) -> str:
+        command = ["env", "-u", name, "-u", "MAKEFLAGS", "make", "-n", target, *settings]
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+    assert would_run() == would_run(f"{name}={value}") != would_run(f"{name}={value}7")
+
+
 def test_the_targets_run_the_programs_that_are_listed() -> None:
     for target, how in TARGETS.items():
         started = re.findall(r"python -m (tests[\w.]+)", recipe(target))
