@@ -44,6 +44,7 @@ class Bench:
         key: bytes = b"",
         host_key: bytes | None = None,
         plant_waits: bool = True,
+        host_patience: float = 0.0,
         **faults: Any,
     ) -> None:
         self.faults = validate(FaultParameters, faults)
@@ -54,7 +55,8 @@ class Bench:
             self.faults,
             reference_library(),
             Address(port=0, key=key),
-            plant_waits=plant_waits,
+            host_patience,
+            plant_waits,
         )
         self._key = key if host_key is None else host_key
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

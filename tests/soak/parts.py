@@ -155,7 +155,7 @@ def link(samples: int = 100_000) -> dict[str, Any]:
     )  # fmt: skip
     emulator = EmulatorProcess(settings)
     listener = _Listener()
-    connection = AmbUdpLink(port=emulator.started.port, float64=True, timeout=10.0)
+    connection = AmbUdpLink(port=emulator.started.port, float64=True, timeout=10.0, silence=10.0)
     try:
         description = connection.connect(listener)
         connection.configure(TargetSettings(ControllerParameters(), description.limits, ()))

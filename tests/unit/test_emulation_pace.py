@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -22,7 +25,15 @@ from amb_core.rig.emulation import (
     SensorFaultParameters,
     measure_load,
 )
-from amb_core.rig.link import Description, TripReason, commands, decode, hello
+from amb_core.rig.link import (
+    Description,
+    Law,
+    TelemetryBlock,
+    TripReason,
+    commands,
+    decode,
+    hello,
+)
 from tests.emulated_host import BLOCK, Bench
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
@@ -68,6 +79,48 @@ def test_a_machine_that_is_late_beyond_the_limit_trips_the_watchdog() -> None:
         bench.run(10)
         (trip,) = bench.command(commands.heartbeat()).status.trips
         assert trip.reason is TripReason.WATCHDOG
+
+
+def test_in_lock_step_a_late_machine_costs_no_step_until_the_host_is_gone() -> None:
+    with Bench(limits={"missed_steps": 20.0}, host_patience=0.5) as bench:
+        bench.connect()
+        bench.done(commands.controller(Law.HOST))
+        bench.levitate(rows=1)
+        loop = paced(bench, TOO_FAST)
+        loop.start()
+        with answering(bench):
+            for _ in range(5):
+                loop.run_block()
+            late = bench.emulator.time - 100_000 * bench.emulator.steps
+        status = bench.emulator.status()
+        assert status is not None
+        assert (late, status.trips, status.missed) == (0, (), 0)
+        loop.run_block()  # waits in vain, then goes on
+        assert bench.emulator.time > 100_000 * bench.emulator.steps
+
+
+@contextmanager
+def answering(bench: Bench) -> Iterator[None]:
+    """A host that answers each position with currents of 0."""
+    ended = threading.Event()
+
+    def answer() -> None:
+        while not ended.is_set():
+            for frame in bench.received():
+                block = decode(frame, bench.session)
+                if isinstance(block, TelemetryBlock):
+                    bench.socket.sendto(
+                        commands.current(bench.session, block.first_step, (0.0, 0.0)),
+                        ("127.0.0.1", bench.emulator.port),
+                    )
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def test_a_clock_that_drifts_changes_the_pace_and_not_the_steps() -> None:

@@ -32,6 +32,8 @@ from tests.soak.tap import Tap
 
 KEY = bytes(range(32))
 TIMEOUT = 60.0
+PATIENT = {"timeout": TIMEOUT, "silence": TIMEOUT}
+"""A link (s) that takes no thread of a loaded machine, which waits for its turn, for a target that has gone."""
 BAD = {"loss": 0.05, "duplication": 0.02, "reordering": 0.02, "corruption": 0.02}
 
 
@@ -92,7 +94,7 @@ def listener() -> Listener:
 
 @pytest.fixture
 def link(served: ServedEmulator):
-    link = AmbUdpLink(served.address, served.port, KEY, float64=True, timeout=TIMEOUT)
+    link = AmbUdpLink(served.address, served.port, KEY, float64=True, **PATIENT)
     yield link
     link.close()
 
@@ -138,16 +140,8 @@ def test_an_excitation_arrives_bit_for_bit_over_a_bad_network_and_begins_at_its_
 
 
 def test_the_second_before_a_trip_is_read_over_a_bad_network_although_its_telemetry_was_lost(
-    served: ServedEmulator, listener: Listener
+    served: ServedEmulator, link: AmbUdpLink, listener: Listener
 ) -> None:
-    link = AmbUdpLink(served.address, served.port, KEY, float64=True, timeout=TIMEOUT, silence=TIMEOUT)
-    try:
-        _read_after_losses(served, link, listener)
-    finally:
-        link.close()
-
-
-def _read_after_losses(served: ServedEmulator, link: AmbUdpLink, listener: Listener) -> None:
     levitated(link, listener)
     listener.wait_for_step(listener.blocks[-1].first_step + 2_000)
     served.fail(to_host=BAD | {"loss": 1.0})
@@ -224,19 +218,21 @@ def test_nobody_at_the_port_is_an_error_of_one_line(listener: Listener) -> None:
         AmbUdpLink(port=9, timeout=0.2).connect(listener)
 
 
-def test_a_target_that_comes_back_is_found_and_streams_on(
-    served: ServedEmulator, link: AmbUdpLink, listener: Listener
-) -> None:
-    levitated(link, listener)
-    served.pause(True)
-    listener.wait_for(lambda: "silence" in listener.events)
-    with pytest.raises(TargetError, match="no reply"):
-        link.status()
-    served.pause(False)
-    listener.wait_for(lambda: "return" in listener.events)
-    listener.wait_for_step(served.do(lambda emulator: emulator.steps))
-    assert settled(link, TargetState.LEVITATED).trips == ()
-    assert link.count.samples.lost == 0  # a target that stood still has lost nothing
+def test_a_target_that_comes_back_is_found_and_streams_on(served: ServedEmulator, listener: Listener) -> None:
+    link = AmbUdpLink(served.address, served.port, KEY, float64=True, timeout=TIMEOUT, silence=2.0)
+    try:
+        levitated(link, listener)
+        served.pause(True)
+        listener.wait_for(lambda: "silence" in listener.events)
+        with pytest.raises(TargetError, match="no reply"):
+            link.status()
+        served.pause(False)
+        listener.wait_for(lambda: "return" in listener.events)
+        listener.wait_for_step(served.do(lambda emulator: emulator.steps))
+        assert settled(link, TargetState.LEVITATED).trips == ()
+        assert link.count.samples.lost == 0  # a target that stood still has lost nothing
+    finally:
+        link.close()
 
 
 def test_a_target_that_answers_but_makes_no_steps_loses_no_telemetry(
@@ -282,7 +278,7 @@ def test_a_landing_passes_an_upload(served: ServedEmulator, link: AmbUdpLink, li
 
 def test_a_host_that_is_there_keeps_an_excitation_alive(listener: Listener) -> None:
     with ServedEmulator(limits={"host_time": 0.5}) as served:
-        link = AmbUdpLink(port=served.port, float64=True, timeout=TIMEOUT)
+        link = AmbUdpLink(port=served.port, float64=True, **PATIENT)
         try:
             levitated(link, listener)
             arm = link.upload(noise(90_000))
@@ -301,7 +297,7 @@ def test_a_host_that_is_there_keeps_an_excitation_alive(listener: Listener) -> N
 @pytest.mark.parametrize("served", [LOCALHOST], indirect=True)  # whoever attacks stands between two sockets
 def test_hostile_frames_end_neither_the_link_nor_its_telemetry(served: ServedEmulator, listener: Listener) -> None:
     with Tap(served.port) as tap:
-        link = AmbUdpLink(port=tap.port, key=KEY, float64=True, timeout=TIMEOUT)
+        link = AmbUdpLink(port=tap.port, key=KEY, float64=True, **PATIENT)
         try:
             link.connect(listener)
             tap.attack(True)

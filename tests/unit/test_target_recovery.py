@@ -18,7 +18,7 @@ from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import resummed
 from tests.soak.recovery import recovery
 from tests.target_rig import library, machine
-from tests.unit.test_target_link import KEY, TIMEOUT, Listener, levitated
+from tests.unit.test_target_link import KEY, PATIENT, Listener, levitated
 
 
 def test_a_host_under_attack_commands_again_within_a_second() -> None:
@@ -120,14 +120,14 @@ def served():
 
 
 def connected(served: ServedEmulator, settings: Callable[[], ControllerParameters]) -> tuple[AmbUdpLink, Listener]:
-    link, listener = AmbUdpLink(port=served.port, key=KEY, float64=True, timeout=TIMEOUT), Listener()
+    link, listener = AmbUdpLink(port=served.port, key=KEY, float64=True, **PATIENT), Listener()
     description = link.connect(listener)
     link.configure(TargetSettings(settings(), description.limits, ()))
     return link, listener
 
 
 def test_a_host_that_connects_to_a_levitated_rotor_does_not_move_it(served: ServedEmulator) -> None:
-    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    first = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
     levitated(first, Listener())
     first.close()
     link, listener = connected(
@@ -143,7 +143,7 @@ def test_a_host_that_connects_to_a_levitated_rotor_does_not_move_it(served: Serv
 
 
 def test_what_it_changes_afterwards_is_sent_and_moves_slowly(served: ServedEmulator) -> None:
-    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    first = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
     description = levitated(first, Listener())
     first.close()
     link, listener = connected(served, ControllerParameters)
@@ -158,7 +158,7 @@ def test_what_it_changes_afterwards_is_sent_and_moves_slowly(served: ServedEmula
 
 
 def test_its_own_settings_are_sent_before_the_next_levitation(served: ServedEmulator) -> None:
-    first = AmbUdpLink(port=served.port, key=KEY, timeout=TIMEOUT)
+    first = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
     levitated(first, Listener())
     first.close()
     link, listener = connected(served, lambda: ControllerParameters(nominal_reference=(0.0, 30e-6)))

@@ -115,6 +115,8 @@ class TargetEmulator:
         Frames that the operating system did not take.
     waited : float
         Wall-clock time for which it has waited for the host (s).
+    in_lock_step : bool
+        Whether it has waited for the host after its latest step, and not in vain.
 
     Raises
     ------
@@ -155,7 +157,7 @@ class TargetEmulator:
         self._faults = faults
         self._patience, self.waited = host_patience, 0.0
         self._plant_waits = plant_waits
-        self._in_vain = False  # the latest wait for the host
+        self._in_vain = self.in_lock_step = False  # the latest wait for the host
         self.steps, self.boots, self._shift, self.unsent, self.trouble = 0, 0, 0.0, 0, ""
         self._open(address)
         self.reboot()
@@ -262,7 +264,8 @@ class TargetEmulator:
         self._in_vain = self._in_vain and target.waits
         target.step(self.time, faults.temperature, fault)
         self.steps += 1
-        if self._patience and target.waits and not self._in_vain:
+        self.in_lock_step = bool(self._patience) and target.waits and not self._in_vain
+        if self.in_lock_step:
             self._wait_for_host()
         amplified.advance(target.enabled, self._coils.applied(target.current))
         if amplified.fault:
@@ -278,6 +281,7 @@ class TargetEmulator:
             self._send()
             now = time.monotonic()
         self._in_vain = self._target.waits
+        self.in_lock_step = not self._in_vain
         self.waited += now - began
 
     def status(self) -> TargetStatus | None:

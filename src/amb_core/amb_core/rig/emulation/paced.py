@@ -3,7 +3,7 @@
 A block that misses its deadline shifts the deadlines after it, and the clock of the target runs ahead of its steps by
 as much. So the target counts the control steps that a late machine has cost, and its watchdog trips if they are too
 many at a time. A block that wakes up less than a block late shifts nothing: on a real target, too, it would be jitter.
-Nor does the time for which an emulator in lock-step waits for its host.
+Nor does the time for which an emulator waits for its host; while the two are in lock-step, no late block costs a step.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class PacedEmulator:
         if wait > 0.0:
             time.sleep(wait)
             pace.published(time.monotonic())
-        if pace.shift > before:
+        if pace.shift > before and not self._emulator.in_lock_step:
             self._emulator.shift(self._factor * (pace.shift - before))
 
     def _period(self, faults: FaultParameters) -> float:
