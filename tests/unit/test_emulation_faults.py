@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -51,6 +52,25 @@ def test_gaps_that_the_network_makes_are_the_gaps_that_a_receiver_finds() -> Non
         assert counted.reordered > 0
         assert min(made.lost, made.doubled, made.reordered, made.corrupted) > 50
         assert counted.delivered + counted.lost == bench.blocks()[-1].first_step + 5 - bench.blocks()[0].first_step
+
+
+def test_samples_whose_frames_the_system_refuses_are_counted_once_unless_a_copy_is_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with Bench() as bench:
+        bench.connect()
+        taken, numbers = bench.emulator._listening.send, itertools.count(1)
+
+        def send(frame: bytes, peer: tuple[int, int]) -> bool:
+            return bool(bench.emulator.to_host._faults.none or next(numbers) % 3) and taken(frame, peer)
+
+        monkeypatch.setattr(bench.emulator._listening, "send", send)
+        perfect_start_and_end(bench, **HEAVY)
+        made, counted = bench.emulator.to_host.count, received(bench)
+        assert bench.emulator.unsent > 100
+        assert counted.lost == made.samples
+        made_steps = {step for gap in made.gaps for step in range(gap.first, gap.stop)}
+        assert made_steps == {step for first, stop in counted.gaps for step in range(first, stop)}
 
 
 def test_what_comes_later_than_a_receiver_waits_it_counts_as_lost_and_then_as_late() -> None:

@@ -16,6 +16,7 @@ from amb_core.rig.link.layout import HEADER
 
 HOLD = 0.05  # s; a frame that waits for the next one is passed on after this time at the latest
 _ROWS = HEADER.size + 4  # where a telemetry frame has its number of samples
+_REMEMBERED = 1000  # frames with copies; more than there are on the way
 
 
 class UndeliveredSamples(NamedTuple):
@@ -83,6 +84,7 @@ class FaultyLink:
         self._waiting: list[tuple[float, int, bytes, Peer]] = []  # due time, order
         self._held: list[tuple[float, bytes, Peer]] = []  # time of release, those that the next frame overtakes
         self._order = 0
+        self._copies: dict[bytes, int] = {}  # of the latest frames that are doubled or corrupted: right ones on the way
         self.restart(seed)
         self.configure(faults)
 
@@ -126,15 +128,18 @@ class FaultyLink:
         lost, doubled, held, corrupted, bit, *further = self._generator.random(7).tolist()
         if lost < faults.loss:
             self.count.lost += 1
-            self.not_delivered(frame)
+            self._count_samples(frame)
             return
         if corrupted < faults.corruption:
             self.count.corrupted += 1
-            self.not_delivered(frame)
+            self._count_samples(frame)
             frame = _with_wrong_bit(frame, bit)
+            self._remember(frame, 0)
         due, due_again = (now + faults.delay + faults.delay_jitter * share for share in further)
         if doubled < faults.duplication:
             self.count.doubled += 1
+            if corrupted >= faults.corruption:
+                self._remember(frame, 2)
             self._pass_on(frame, peer, due_again)
         if held < faults.reordering:
             self._held.append((due + HOLD, frame, peer))
@@ -186,14 +191,27 @@ class FaultyLink:
         self._order += 1
         heapq.heappush(self._waiting, (due, self._order, frame, peer))
 
+    def _remember(self, frame: bytes, copies: int) -> None:
+        self._copies[frame] = copies
+        if len(self._copies) > _REMEMBERED:
+            del self._copies[next(iter(self._copies))]
+
     def not_delivered(self, frame: bytes) -> None:
-        """Count the samples of a frame as not delivered, if it is one of telemetry.
+        """Count the samples of a frame that came out of the network in vain, unless a copy of it still comes or came.
 
         Parameters
         ----------
         frame : bytes
             Any frame of the target.
         """
+        left = self._copies.get(frame, 1) - 1
+        if left > 0:
+            self._copies[frame] = left
+        elif left == 0:
+            self._count_samples(frame)
+
+    def _count_samples(self, frame: bytes) -> None:
+        """Count the samples of a frame as not delivered, if it is one of telemetry."""
         if len(frame) < _ROWS + 2:
             return
         _, _, kind, _, session, _, first = HEADER.unpack_from(frame)
