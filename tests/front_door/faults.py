@@ -110,7 +110,8 @@ def main() -> int:
     """Plant the faults; 1 if one is not seen, or a check is red without one."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--without-control", action="store_true", help="leave out the runs without a fault")
-    parser.add_argument("names", nargs="*", help="faults to plant; default: all")
+    names = [fault.name for fault in FAULTS]
+    parser.add_argument("names", nargs="*", choices=[*names, []], help="faults to plant; default: all")
     chosen = parser.parse_args()
     faults = [fault for fault in FAULTS if not chosen.names or fault.name in chosen.names]
     with tempfile.TemporaryDirectory(prefix="faults") as folder:

@@ -1,8 +1,9 @@
 """`make quick`: runs the programs of the front door at their smallest size, and checks that they write every key.
 
-`python -m tests.front_door.run tests.validation.run` runs one. Results, outputs (.txt) and summary.json are left in
-results/quick. Three programs run at a time, as they wait more than they compute. With --again, what fails runs a second
-time, alone, as continuous integration does on a machine that others load; the summary names what needed it.
+`python -m tests.front_door.run tests.validation.run` runs one, with those that write the same file of results. Results,
+outputs (.txt) and summary.json are left in results/quick. Three programs run at a time, as they wait more than they
+compute. With --again, what fails runs a second time, alone, as continuous integration does on a machine that others
+load; the summary names what needed it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -123,17 +125,28 @@ def _skipped(results: Any) -> list[tuple[str, str]]:
     ]
 
 
+def files_of(modules: Sequence[str] = ()) -> list[list[Program]]:
+    """The programs of each file of results that one of some modules writes, by default of all."""
+    by_file: dict[str, list[Program]] = {}
+    for program in PROGRAMS:
+        by_file.setdefault(program.results, []).append(program)
+    return [
+        programs
+        for programs in by_file.values()
+        if not modules or any(program.module in modules for program in programs)
+    ]
+
+
 def main() -> int:
     """Run what is asked for, by default all; 1 if there is a problem."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("programs", nargs="*", help=f"of {', '.join(program.module for program in PROGRAMS)}")
+    modules = [program.module for program in PROGRAMS]
+    parser.add_argument(
+        "programs", nargs="*", choices=[*modules, []], metavar="PROGRAM", help=f"of {', '.join(modules)}"
+    )
     parser.add_argument("--again", action="store_true", help="run what fails a second time")
     chosen = parser.parse_args()
-    wanted = [program for program in PROGRAMS if not chosen.programs or program.module in chosen.programs]
-    by_file: dict[str, list[Program]] = {}
-    for program in wanted:
-        by_file.setdefault(program.results, []).append(program)
-    files = list(by_file.values())
+    files = files_of(chosen.programs)
     files.sort(key=lambda programs: -sum(program.seconds for program in programs))
     began = time.monotonic()
     with ThreadPoolExecutor(AT_A_TIME) as pool:

@@ -329,7 +329,7 @@ def main() -> int:
     options.add_argument("--mutants", type=int, default=20_000)
     options.add_argument("--minutes", type=float, default=math.inf, help="end after this time")
     options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--only", nargs="*", help="names of crafted files", default=None)
+    options.add_argument("--only", nargs="*", choices=list(CRAFTED), metavar="NAME", help="crafted files")
     options.add_argument("--quick", action="store_true", help=f"{QUICK} of each, into results/quick")
     chosen = options.parse_args()
     names = list(CRAFTED) if chosen.only is None else chosen.only

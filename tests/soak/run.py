@@ -58,7 +58,7 @@ def fuzz_figures(fuzzed: dict[str, Any]) -> dict[str, Any]:
 def main() -> int:
     """Run what the command line asks for; 1 if a part could not be run to its end."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--parts", nargs="*", help="only these")
+    options.add_argument("--parts", nargs="*", choices=list(PARTS), help="only these")
     options.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     options.add_argument("--seconds", type=float, help="duration of the soak itself, by default 600")
     options.add_argument("--runs", type=int, help="most rigs of the part commissioning in this call; the next resumes")

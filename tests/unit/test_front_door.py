@@ -6,6 +6,7 @@ import ast
 import importlib
 import re
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
 from tests.front_door.commands import name_of, steps
 from tests.front_door.entries import COMMANDS_ELSEWHERE, PAGES, PROGRAMS, TARGETS, Covered, Left
 from tests.front_door.figures import Figures, problems
+from tests.front_door.run import files_of
 
 ROOT = Path(__file__).parents[2]
 MAKEFILE = (ROOT / "Makefile").read_text()
@@ -74,6 +76,32 @@ def test_the_targets_run_the_programs_that_are_listed() -> None:
         if isinstance(how, tuple) and target != "reproduce":  # a command
             assert tuple(started) == how, target
         assert set(started) <= MODULES | {"tests.front_door.run"}, f"{target}: {LISTS}"
+
+
+@pytest.mark.parametrize(
+    ("command", "known"),
+    [
+        ("tests.front_door.run nothing", "tests.validation.run"),
+        ("tests.front_door.faults nothing", "a command is not on the list"),
+        ("tests.soak.run --parts nothing", "recovery"),
+        ("tests.fuzz.files --only nothing", "deep.json"),
+        ("tests.benchmarks.explained.run nothing", "subharmonics"),
+        ("tests.benchmarks.first_hour.run nothing", "pages"),
+    ],
+)
+def test_a_program_or_part_that_is_not_there_is_refused_with_those_that_are(command: str, known: str) -> None:
+    refused = subprocess.run([sys.executable, "-m", *command.split()], cwd=ROOT, capture_output=True, text=True)
+    assert refused.returncode == 2
+    assert "invalid choice: 'nothing'" in refused.stderr
+    assert known in refused.stderr
+
+
+def test_a_program_that_adds_to_a_file_runs_with_those_that_write_the_rest_of_it() -> None:
+    (programs,) = files_of(["tests.benchmarks.robust.emulator"])
+    assert [program.module for program in programs] == [
+        "tests.benchmarks.robust.run",
+        "tests.benchmarks.robust.emulator",
+    ]
 
 
 def test_every_program_and_every_part_of_one_is_listed() -> None:

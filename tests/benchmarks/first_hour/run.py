@@ -41,7 +41,9 @@ See `figures.FirstHour`.
 def main() -> None:
     """Measure the parts that are asked for, and keep what is known of the others."""
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; default: all")
+    arguments.add_argument(
+        "parts", nargs="*", choices=[*PARTS, []], metavar="PART", help=f"of {', '.join(PARTS)}; default: all"
+    )
     arguments.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = arguments.parse_args()
     file = results_file("first_hour.json", chosen.quick)
