@@ -23,6 +23,7 @@ from amb_msgs.msg import AxisReference, CurrentReference, Excitation, Excitation
 from amb_msgs.srv import StartExcitation
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM
 from tests.graph.bearing import Bearing, machine_message, machine_publisher
+from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,7 +97,7 @@ class Loop:
 
     def reach(self, run: int, step: int) -> None:
         """As the simulator: asks again until it has an answer."""
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + TIMEOUT
         while not self.is_answered(run, step):
             assert time.monotonic() < deadline, f"step {step} was not answered"
             self.send(run, step)

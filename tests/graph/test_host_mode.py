@@ -22,6 +22,8 @@ CONTROLLER, GENERATOR = "amb_controller_node.pd_controller", "amb_controller_nod
 SQUARE = Square(amplitude=10e-6, duration=0.1, frequency=20.0, axes="in_turn")
 LOCK_STEP = {"host_patience": 60.0}
 """An emulator whose time stands still until the host has answered: nothing depends on how fast that is."""
+MISSED = 500.0
+"""Steps without its host that a rig allows; at 0.02 of real time, a machine that holds it up for 2 s costs fewer."""
 
 
 def host_rig(graph: Graph, *arguments: str, emulator: dict[str, float], **bridge: str) -> Rig:
@@ -70,7 +72,7 @@ def test_without_its_controller_node_the_rig_trips_or_lands_as_configured(
         emulator={
             "host_patience": 8.0,  # longer than a loaded machine holds up a process
             "real_time_factor": 0.02,
-            "limits.missed_steps": 100.0,
+            "limits.missed_steps": MISSED,
             "limits.settle_time": 0.05,
         },
         without_host=without_host,
@@ -81,7 +83,7 @@ def test_without_its_controller_node_the_rig_trips_or_lands_as_configured(
     rig.controller.wait_for_end(60.0)
     graph.wait_until(lambda: rig.trips, "the trip")
     assert rig.trips[0].reason == reason
-    assert rig.trips[0].value >= 100.0
+    assert rig.trips[0].value >= MISSED
     graph.wait_until(lambda: rig.state.mode == mode, "the end of the levitation")
     before = [value for block in rig.trips[0].before for axis in block.axes for value in axis.position]
     assert before

@@ -99,6 +99,18 @@ def link(served: ServedEmulator):
     link.close()
 
 
+def why_not_connected(port: int, key: bytes, address: str = LOCALHOST) -> str:
+    """Why a target that answers is refused; a busy machine, on which no answer comes in a short time, gets longer."""
+    said = ""
+    for timeout in (0.3, 3.0, TIMEOUT):
+        with pytest.raises(TargetError) as refused:
+            AmbUdpLink(address, port, key, timeout=timeout).connect(Listener())
+        said = str(refused.value)
+        if "no answer" not in said:
+            break
+    return said
+
+
 def settled(link: TargetLink, state: TargetState) -> TargetStatus:
     """The status of the target once it is in a state."""
     until = time.monotonic() + TIMEOUT
@@ -211,10 +223,8 @@ def test_a_refusal_names_command_and_reason(link: AmbUdpLink, listener: Listener
         link.configure(TargetSettings(ControllerParameters(), higher, ()))
 
 
-def test_a_wrong_key_is_named_as_a_possible_reason(served: ServedEmulator, listener: Listener) -> None:
-    link = AmbUdpLink(served.address, served.port, bytes(32), timeout=0.5)
-    with pytest.raises(TargetError, match="is the key right"):
-        link.connect(listener)
+def test_a_wrong_key_is_named_as_a_possible_reason(served: ServedEmulator) -> None:
+    assert "is the key right" in why_not_connected(served.port, bytes(32), served.address)
 
 
 def test_nobody_at_the_port_is_an_error_of_one_line(listener: Listener) -> None:
