@@ -19,7 +19,7 @@ REQUIRED = [  # lower bounds are tested by `make floor`, the versions in require
     "zstandard>=0.22",
 ]
 EXTRAS = {
-    "cluster": ["cryptography>=41", "dask>=2024.5", "distributed>=2024.5"],
+    "cluster": ["cryptography>=41", "dask>=2024.5", "distributed>=2024.5", "psutil>=6"],
     "control": ["control>=0.10.1,<0.11"],
     "figures": ["Jinja2>=3.1,<4", "MarkupSafe>=2.1,<4", "matplotlib>=3.6,<4", "plotly>=6,<7"],
     "files": ["Jinja2>=3.1,<4", "h5py>=3.10,<4", "pyarrow>=14"],

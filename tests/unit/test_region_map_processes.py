@@ -17,6 +17,7 @@ import pytest
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions.region_map import MapSettings, RegionMap, build_map
+from tests.semaphores import left_of, semaphores_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -80,9 +81,12 @@ def test_a_killed_map_goes_on_where_it_ended(tmp_path):
     process = start(tmp_path)
     read_until(process, 3)
     workers = cluster_of(process)
+    opened = semaphores_of(workers)
+    assert opened
     process.kill()
     process.communicate()
     wait_for_end(workers)  # which finish the sweeps that they have begun, and keep them
+    assert left_of(opened) == []
     kept = names(tmp_path)
     assert 3 <= len(kept) < 8
     written = {name: (tmp_path / "cache" / name).stat().st_mtime_ns for name in kept}
@@ -113,9 +117,11 @@ def test_nothing_is_left_behind_by_a_program_that_is_stopped(tmp_path, number):
     process = start(tmp_path)
     read_until(process, 1)
     workers = cluster_of(process)
+    opened = semaphores_of(workers)
     process.send_signal(number)
     process.communicate(timeout=120)
     wait_for_end(workers)
+    assert left_of(opened) == []
     assert names(tmp_path)
 
 

@@ -14,6 +14,7 @@ import pytest
 from distributed import Client, Security, SpecCluster
 
 from amb_core.ground.tasks.cluster import open_cluster
+from tests.semaphores import left_of, semaphores_of
 
 OTHERS: set[int] = set()  # ports of the test run itself
 
@@ -56,6 +57,16 @@ def test_the_key_is_in_no_argument_which_every_user_can_read(cluster: Client) ->
     workers = psutil.Process().children(recursive=True)
     assert workers
     assert not any("PRIVATE KEY" in argument for worker in workers for argument in worker.cmdline())
+
+
+def test_nothing_of_it_is_left_in_shared_memory() -> None:
+    before = psutil.Process().children(recursive=True)
+    with open_cluster(workers=2) as client:
+        client.submit(os.getpid).result()
+        own = set(psutil.Process().children(recursive=True)) - set(before)
+        opened = semaphores_of(own)
+        assert len(opened) >= 2, "of each worker"
+    assert left_of(opened) == []
 
 
 def test_what_dask_does_after_the_end_is_no_word_to_the_user(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,6 +14,7 @@ import logging
 import os
 import re
 import sys
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,11 +23,14 @@ from amb_core.ground.extras import extra
 
 with extra("cluster"):
     import dask
+    import psutil
     from distributed import Client, Scheduler, Security, SpecCluster
     from distributed.deploy.subprocess import SubprocessWorker
 
 ADDRESS = re.compile(r"(tcp|tls|ws|wss)://\S+:\d+")
 ENCRYPTED = ("tls://", "wss://")
+TRACKER = "multiprocessing.resource_tracker"
+TRACKER_TIMEOUT = 10.0  # s, within which one removes what its processes have left
 CONNECT_TIMEOUT = 3.0  # s, within which a scheduler answers on any network
 _LOGS = ("distributed", "distributed.client", "distributed.gc")  # dask gives each its own level
 
@@ -105,6 +109,19 @@ class DetachedWorker(SubprocessWorker):
             env={**os.environ, "DASK_LOGGING__DISTRIBUTED": "critical", **self._credentials()},
         )  # fmt: skip
 
+    async def close(self) -> None:
+        """End the worker at once. The one process that is not killed removes what the others leave in /dev/shm."""
+        if self.process and self.process.returncode is None:
+            ended, trackers = _with_trackers(self.process.pid)
+            for process in ended:
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    process.kill()
+            await self.process.communicate()
+            until = time.monotonic() + TRACKER_TIMEOUT
+            while any(map(_runs, trackers)) and time.monotonic() < until:
+                await asyncio.sleep(0.01)
+        await super().close()
+
     def _credentials(self) -> dict[str, str]:
         worker = self._security.get_tls_config_for_role("worker")
         tls = {"CA_FILE": worker["ca_file"], "WORKER__KEY": worker["key"], "WORKER__CERT": worker["cert"]}
@@ -112,6 +129,33 @@ class DetachedWorker(SubprocessWorker):
             "DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION": "True",
             "DASK_DISTRIBUTED__WORKER__HTTP__ROUTES": "[]",
         } | {f"DASK_DISTRIBUTED__COMM__TLS__{name}": value for name, value in tls.items()}
+
+
+def _with_trackers(pid: int) -> tuple[list[psutil.Process], list[psutil.Process]]:
+    """A process and its descendants, and those of them that remove what Python's multiprocessing has opened."""
+    try:
+        nanny = psutil.Process(pid)
+        descendants = nanny.children(recursive=True)
+    except psutil.NoSuchProcess:
+        return [], []
+    trackers = [process for process in descendants if _is_tracker(process)]
+    # The nanny first, or it starts a worker in place of the one that has ended
+    return [nanny, *(process for process in descendants if process not in trackers)], trackers
+
+
+def _is_tracker(process: psutil.Process) -> bool:
+    try:
+        return TRACKER in " ".join(process.cmdline())
+    except psutil.NoSuchProcess:
+        return False
+
+
+def _runs(process: psutil.Process) -> bool:
+    """Whether a process has not ended; an ended one may stay as a zombie where nobody asks for its exit code."""
+    try:
+        return bool(process.status() != psutil.STATUS_ZOMBIE)
+    except psutil.NoSuchProcess:
+        return False
 
 
 def _local_cluster(workers: int | None) -> SpecCluster:
