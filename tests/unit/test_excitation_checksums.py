@@ -78,18 +78,28 @@ def test_a_recorded_definition_on_both_axes_makes_its_samples(axes: str | None) 
 # -- the checksum that travels with a definition
 
 
-def test_a_search_of_phases_ends_alike_on_an_older_processor() -> None:
-    """300 clippings would make any difference of the last bit large, such as that of another sine."""
-    _, values, _ = TWO_SECONDS[5]
-    request = {"amplitude": 50e-6, "duration": 2.0, "axes": "in_turn", **values}
+LONG_SWEEP = {"duration": 600.0, "frequency_start": 10.0, "frequency_end": 4900.0}
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        pytest.param("multisine", {"duration": 2.0, **TWO_SECONDS[5][1]}, id="300 clippings in a search of phases"),
+        pytest.param("sweep", {**LONG_SWEEP, "spacing": "logarithmic"}, id="a million cycles of a logarithmic sweep"),
+        pytest.param("sweep", {**LONG_SWEEP, "spacing": "linear"}, id="a million cycles of a linear sweep"),
+    ],
+)
+def test_an_older_processor_makes_the_same_samples(kind: str, values: dict[str, Any]) -> None:
+    """Where a difference in the last bit, such as that of another sine or logarithm, would grow."""
+    request = {"amplitude": 1e-3, "axes": "in_turn", **values}
     program = f"""
 from amb_core.excitation import Playback, excitation_from_request
-print(Playback(excitation_from_request("multisine", {request!r}), 10_000.0).checksum)
+print(Playback(excitation_from_request({kind!r}, {request!r}), 10_000.0).checksum)
 """
     older = os.environ | {"NPY_DISABLE_CPU_FEATURES": " ".join(__cpu_dispatch__)}
     ended = subprocess.run([sys.executable, "-W", "ignore", "-c", program], env=older, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
-    here = Playback(excitation_from_request("multisine", request), 10_000.0).checksum
+    here = Playback(excitation_from_request(kind, request), 10_000.0).checksum
     assert same_samples(int(ended.stdout), here)
 
 

@@ -6,6 +6,8 @@ Therefore these kinds excite the axes in turn by default.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from decimal import Context, Decimal
 from typing import ClassVar, Literal, Self
 
 import numpy as np
@@ -23,6 +25,11 @@ FEW_TONES = 16  # that are made while the loop runs, about 20 us each for a bloc
 
 # Absorbs rounding of `frequency * step / sample_rate`, which would delay an edge that falls on a sample by one sample.
 EDGE_TOLERANCE = 1e-9
+
+# np.log and np.expm1 differ in the last place between processors, and a million cycles make that a large phase. Decimal
+# rounds alike on all of them; it is slow, so a power is made of one for its block and one for its place in the block.
+SAME_EVERYWHERE = Context(prec=40)
+BLOCK = 256
 
 
 class Sweep(Excitation):
@@ -63,19 +70,39 @@ class Sweep(Excitation):
         Sampler
             Makes the samples (m), shape (stop - first,), from a first one up to, not including, another.
         """
-        span = steps / sample_rate
-        start, end = self.frequency_start, self.frequency_end
+        logarithmic = self.spacing == "logarithmic" and self.frequency_start != self.frequency_end
+        cycles = self._logarithmic(steps, sample_rate) if logarithmic else self._linear(steps, sample_rate)
+        return lambda first, stop: self.amplitude * np.sin(2.0 * np.pi * cycles(np.arange(first, stop)))
 
-        def samples(first: int, stop: int) -> NDArray[np.float64]:
-            time = np.arange(first, stop) / sample_rate
-            if self.spacing == "linear" or start == end:
-                cycles = start * time + (end - start) / (2.0 * span) * time**2
-            else:
-                growth = np.log(end / start)
-                cycles = start * span / growth * np.expm1(growth * time / span)
-            return self.amplitude * np.sin(2.0 * np.pi * cycles)
+    def _linear(self, steps: int, sample_rate: float) -> Callable[[NDArray[np.int_]], NDArray[np.float64]]:
+        """Cycles since the first sample, of samples by their indices."""
+        change = (self.frequency_end - self.frequency_start) / (2.0 * (steps / sample_rate))
 
-        return samples
+        def cycles(indices: NDArray[np.int_]) -> NDArray[np.float64]:
+            time = indices / sample_rate
+            return self.frequency_start * time + change * time**2
+
+        return cycles
+
+    def _logarithmic(self, steps: int, sample_rate: float) -> Callable[[NDArray[np.int_]], NDArray[np.float64]]:
+        """The same; f_0 T / g (exp(g n / steps) - 1) with g = ln(f_1 / f_0)."""
+        exact = SAME_EVERYWHERE
+        growth = exact.ln(exact.divide(Decimal(self.frequency_end), Decimal(self.frequency_start)))
+        scale = self.frequency_start * (steps / sample_rate) / float(growth)
+
+        def grown(index: int) -> float:
+            return float(exact.subtract(exact.exp(exact.divide(exact.multiply(growth, index), steps)), 1))
+
+        in_block = np.array([grown(index) for index in range(min(BLOCK, steps))])
+
+        def cycles(indices: NDArray[np.int_]) -> NDArray[np.float64]:
+            blocks, places = np.divmod(indices, BLOCK)
+            first, last = int(blocks[0]), int(blocks[-1])
+            before = np.array([grown(block * BLOCK) for block in range(first, last + 1)])[blocks - first]
+            within = in_block[places]
+            return scale * (before + within + before * within)
+
+        return cycles
 
     def instantaneous_frequency(self, steps: int, sample_rate: float) -> NDArray[np.float64]:
         """Instantaneous frequency (Hz), shape (steps,).

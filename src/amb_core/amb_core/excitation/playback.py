@@ -24,7 +24,7 @@ WINDOW = 1024
 HIGHEST_IN_MEMORY = 500_000
 """Samples per axis up to which a signal is kept in memory, 4 MB: reading them is cheaper than making them."""
 RESOLUTION = 1e-12
-"""Of a checksum (m): far above what rounding adds up to in 600 s (1e-14 m), far below any other difference."""
+"""Of a checksum (m): far above what rounding adds up to in 600 s (below 1e-13 m), far below any other difference."""
 
 
 class Playback:
