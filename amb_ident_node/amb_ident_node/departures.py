@@ -42,8 +42,8 @@ class Departures:
             for node in self._nodes.values():
                 node.replaced.clear()
 
-    def note_period(self, publishers: Mapping[str, Collection[str]], now: str) -> None:
-        """A period of the recorder's timer has passed.
+    def note_period(self, publishers: Mapping[str, Collection[str]], now: str, within_run: bool) -> None:
+        """A period of the recorder's timer has passed. Between runs, nodes that have left the graph are forgotten.
 
         Parameters
         ----------
@@ -51,6 +51,8 @@ class Departures:
             The topics of a run that each node publishes, as far as the recorder knows.
         now : str
             Wall-clock time as text.
+        within_run : bool
+            Whether a run is in progress.
         """
         with self._changed:
             for name, topics in publishers.items():
@@ -62,6 +64,12 @@ class Departures:
                 node.silent += 1
                 if not node.reports and name in publishers:
                     self._note_sign(node, now)
+            if not within_run:
+                self._nodes = {
+                    name: node
+                    for name, node in self._nodes.items()
+                    if name in publishers or node.silent < PATIENCE or node.replaced
+                }
             self._changed.notify_all()
 
     def note_report(self, name: str, instance: str, now: str, within_run: bool) -> None:

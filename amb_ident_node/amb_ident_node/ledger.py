@@ -23,7 +23,7 @@ from amb_ident_node.completeness import (
     TelemetryAccount,
     forget_oldest,
 )
-from amb_msgs.msg import RegionState, SimulatorState
+from amb_msgs.msg import BridgeState, RegionState, SimulatorState
 from amb_ros import topics
 
 KEPT_CLOCKS = 10_000
@@ -59,8 +59,10 @@ class Ledger:
             topics.SIMULATOR_STATE: self._note_reported_state,
             topics.EXCITATION: self._note_excitation,
             topics.EXCITATION_STATUS: lambda message: self._answers.note_answer(message.run, message.id),
+            topics.BRIDGE_STATE: self._note_bridge,
         }
         self.state: Any = None
+        self._bridge: Any = None  # the last state of the bridge to a rig
         self._excitations: dict[tuple[int, int, int], None] = {}  # number and stamp of those that have arrived
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
         self._learned = Mark(0, 0)  # place of a state whose message is still on its way
@@ -136,6 +138,11 @@ class Ledger:
             self._monitor_reports = True
             self._changed.notify_all()
 
+    def wake(self) -> None:
+        """Let waiting threads see whether they wait in vain."""
+        with self._changed:
+            self._changed.notify_all()
+
     def end(self) -> None:
         """Release all waiting threads."""
         with self._changed:
@@ -150,9 +157,11 @@ class Ledger:
 
     @property
     def within_run(self) -> bool:
-        """Whether a run is in progress, as far as is known; not one that is paused or over."""
+        """Whether a run is in progress, as far as is known: not one that is paused or over, nor while a rig rests."""
         with self._changed:
-            return self.state is None or self.state.mode in (SimulatorState.RUNNING, SimulatorState.WAITING)
+            if self.state is not None:
+                return self.state.mode in (SimulatorState.RUNNING, SimulatorState.WAITING)
+            return self._bridge is None or self._bridge.mode not in (BridgeState.OFF, BridgeState.TRIPPED)
 
     @property
     def end_of_telemetry(self) -> str:
@@ -174,7 +183,8 @@ class Ledger:
     ) -> None:
         """Wait until everything up to a place in a run has arrived on the published topics.
 
-        Returns earlier after the timeout (s), after a call of `end`, or when `in_vain` returns true.
+        Returns earlier after the timeout (s), after a call of `end`, or when `in_vain` returns true, which is asked
+        after each message and each call of `wake`.
         """
         with self._changed:
             self._changed.wait_for(
@@ -230,6 +240,9 @@ class Ledger:
             return
         self._learned = Mark(0, 0)
         self._take_state(message)
+
+    def _note_bridge(self, message: Any) -> None:
+        self._bridge = message
 
     def _take_state(self, message: Any) -> None:
         new_run = self.state is None or message.run != self.state.run

@@ -15,6 +15,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
@@ -59,6 +60,14 @@ DEFAULT_STOP_TIMEOUT = 10.0  # s
 LONGEST_STOP_TIMEOUT = 3600.0  # s
 
 
+class _Stop(NamedTuple):
+    """A request to stop that has no answer yet, with the recording that it ends."""
+
+    request: StopRecording.Request
+    deadline: float  # in the steady clock (s)
+    recording: BagInProgress | None
+
+
 class RecorderNode(Node):
     """The recorder. Topics, services and parameters: see the package's README."""
 
@@ -80,6 +89,8 @@ class RecorderNode(Node):
         self._next_attempt: dict[str, float] = {}  # in the steady clock (s)
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
+        self._stops: list[_Stop] = []  # oldest first; also those that wait for the worker
+        self._stopped: tuple[BagInProgress, StopRecording.Response] | None = None  # the last recording, and the answer
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
         self._topics = {self._full_name(topic.name): topic for topic in RECORDED}
@@ -87,7 +98,7 @@ class RecorderNode(Node):
         self._sources = Publishers(self, self._topics, self._subscriptions_by_name)
         self._state_client = self.create_client(GetState, "simulator/get_state")
         create_service(self, StartRecording, "~/start", self._on_start, self._worker)
-        create_service(self, StopRecording, "~/stop", self._on_stop, self._worker)
+        create_service(self, StopRecording, "~/stop", self._on_stop, self._worker, self._on_stop_arrival)
         self._diagnostics = diagnostics.DiagnosticsReporter(
             self, self._report, exclusive=(topics.TELEMETRY, topics.SIMULATOR_STATE)
         )
@@ -154,7 +165,7 @@ class RecorderNode(Node):
         return diagnostics.as_text(self._wall_clock.now().nanoseconds)
 
     def _on_watch_timer(self) -> None:
-        self._departures.note_period(self._sources.nodes_of(OF_A_RUN), self._now())
+        self._departures.note_period(self._sources.nodes_of(OF_A_RUN), self._now(), self._ledger.within_run)
         if self._recording is not None:
             self._note_published()
             now = time.monotonic()
@@ -162,7 +173,7 @@ class RecorderNode(Node):
             if late:
                 # One attempt at a time: the worker also serves requests, which would wait behind the others.
                 self._next_attempt.update(dict.fromkeys(late, math.inf))
-                self._worker.submit(self._describe, late, self._settings.parameter_timeout)
+                self._worker.submit(self._describe, late)
 
     # -- services, in the worker
 
@@ -171,30 +182,47 @@ class RecorderNode(Node):
         response.success = True
         return response
 
-    def _on_stop(self, request: StopRecording.Request, response: StopRecording.Response) -> StopRecording.Response:
-        recording = self._recording
-        if recording is None:
-            if namesakes := self._diagnostics.namesakes():
-                raise BagError(
-                    f"{namesakes}; process {os.getpid()} records nothing, another one may have closed its bag"
-                )
-            raise BagError("nothing is being recorded; call ~/start first")
-        if not 0.0 <= request.timeout <= LONGEST_STOP_TIMEOUT:
+    def _on_stop_arrival(self, request: StopRecording.Request) -> tuple[_Stop]:
+        """A stop does not wait behind another one: the newest says up to which step, the most urgent how long."""
+        stop = _Stop(request, time.monotonic() + (request.timeout or DEFAULT_STOP_TIMEOUT), self._recording)
+        if _is_allowed(request.timeout):
+            self._stops.append(stop)
+            self._ledger.wake()
+        return (stop,)
+
+    def _on_stop(
+        self, request: StopRecording.Request, response: StopRecording.Response, stop: _Stop
+    ) -> StopRecording.Response:
+        if not _is_allowed(request.timeout):
             raise BagError(
                 f"timeout = {request.timeout} s is not allowed; allowed: 0 (for {DEFAULT_STOP_TIMEOUT:g} s) "
                 f"to {LONGEST_STOP_TIMEOUT:g} s"
             )
-        deadline = time.monotonic() + (request.timeout or DEFAULT_STOP_TIMEOUT)
-        awaited = self._awaited(request.wait_for_run, request.wait_for_step)
+        try:
+            if self._stopped is not None and self._stopped[0] is stop.recording:  # by a stop before this one
+                return self._stopped[1]
+            recording = self._recording
+            if recording is None:
+                raise BagError(self._nothing_to_stop())
+            self._stop(recording, response)
+            self._stopped = recording, response
+            return response
+        finally:
+            self._stops.remove(stop)
+
+    def _nothing_to_stop(self) -> str:
+        if namesakes := self._diagnostics.namesakes():
+            return f"{namesakes}; process {os.getpid()} records nothing, another one may have closed its bag"
+        return "nothing is being recorded; call ~/start first"
+
+    def _stop(self, recording: BagInProgress, response: StopRecording.Response) -> None:
         self._note_published()
-        if awaited is not None and not recording.failure:
-            self._ledger.wait_for(
-                awaited, self._published, deadline - time.monotonic(), lambda: bool(recording.failure)
-            )
+        awaited = self._wait_for_steps(recording)
         if self._ledger.within_run:
             self._departures.wait_for_signs()
         died = self._died()
-        self._describe(self._undescribed_nodes(), max(deadline - time.monotonic(), self._settings.parameter_timeout))
+        for node in self._undescribed_nodes():
+            self._describe([node], max(self._time_left(), self._settings.parameter_timeout), for_a_stop=True)
         self._note_conflicts()
         with self._switching:
             recording.end()
@@ -211,7 +239,25 @@ class RecorderNode(Node):
         response.message = "; ".join(problems)
         response.uri = str(recording.folder)
         response.messages = recording.messages
-        return response
+
+    def _wait_for_steps(self, recording: BagInProgress) -> Mark | None:
+        """Wait up to the step that the newest stop awaits, which is returned; None if it cannot be known."""
+        while True:
+            newest = self._stops[-1]
+            awaited = self._awaited(newest.request.wait_for_run, newest.request.wait_for_step)
+            if awaited is not None and not recording.failure:
+                self._ledger.wait_for(
+                    awaited,
+                    self._published,
+                    self._time_left(),
+                    lambda newest=newest: bool(recording.failure) or self._stops[-1] is not newest,  # type: ignore[misc]
+                )
+            if self._stops[-1] is newest:
+                return awaited
+
+    def _time_left(self) -> float:
+        """How long the stops that have no answer yet may still wait (s)."""
+        return min(stop.deadline for stop in tuple(self._stops)) - time.monotonic()
 
     def _start(self, uri: str) -> Path:
         """Start a bag.
@@ -229,7 +275,7 @@ class RecorderNode(Node):
         self._described.clear()
         self._attempts.clear()
         self._next_attempt.clear()
-        parameters = self._read_parameters(self._undescribed_nodes(), self._settings.parameter_timeout)
+        parameters = self._read_parameters(self._undescribed_nodes())
         recording = self._open(folder)
         with self._switching:
             self._conflicts.clear()
@@ -329,8 +375,10 @@ class RecorderNode(Node):
         """Nodes of the workbench without parameters in the bag."""
         return [name for name in self._remote_parameters.nodes() if name not in self._described]
 
-    def _read_parameters(self, nodes: Iterable[str], timeout: float) -> dict[str, dict[str, ParameterValue]]:
-        """The parameters of nodes, where available.
+    def _read_parameters(
+        self, nodes: Iterable[str], timeout: float | None = None, for_a_stop: bool = False
+    ) -> dict[str, dict[str, ParameterValue]]:
+        """The parameters of nodes, where available; no more of them once a stop waits for the worker.
 
         Reading them also proves that those nodes have discovered this one, so nothing that they publish is missed.
         """
@@ -338,8 +386,10 @@ class RecorderNode(Node):
         for name in nodes:
             if name in self._described:
                 continue
+            if self._stops and not for_a_stop:  # which reads them itself
+                break
             try:
-                parameters[name] = self._remote_parameters.read(name, timeout)
+                parameters[name] = self._remote_parameters.read(name, timeout or self._settings.parameter_timeout)
                 self._described.add(name)
             except ParameterError as problem:
                 self._attempts[name] += 1
@@ -347,11 +397,11 @@ class RecorderNode(Node):
                 self.get_logger().warning(f"{one_line(problem)} They are missing from the bag.")
         return parameters
 
-    def _describe(self, nodes: Iterable[str], timeout: float) -> None:
+    def _describe(self, nodes: Iterable[str], timeout: float | None = None, for_a_stop: bool = False) -> None:
         """Write the parameters of nodes that are missing from the bag, such as those that started after it."""
         recording = self._recording
         if recording is not None:
-            for node, values in self._read_parameters(nodes, timeout).items():
+            for node, values in self._read_parameters(nodes, timeout, for_a_stop).items():
                 recording.write_parameters(PARAMETER_EVENTS, node, values)
 
     def _close(self) -> None:
@@ -389,6 +439,10 @@ class RecorderNode(Node):
         if lacks:
             return diagnostics.WARN, "; ".join(lacks), values
         return diagnostics.OK, "closing the bag" if recording.ended else "recording", values
+
+
+def _is_allowed(timeout: float) -> bool:
+    return 0.0 <= timeout <= LONGEST_STOP_TIMEOUT
 
 
 def main(args: list[str] | None = None) -> int:

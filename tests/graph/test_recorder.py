@@ -187,6 +187,22 @@ def test_a_signal_closes_the_bag_and_the_exit_code_is_0(loop: Loop, graph: Graph
     assert bag.telemetry().steps == 10 * BLOCK
 
 
+def test_a_stop_does_not_wait_behind_another_that_waits_for_steps(loop: Loop, graph: Graph) -> None:
+    """The newest says up to where, the most urgent how long; both get the answer about the one bag."""
+    graph.start(RECORDER)
+    uri = loop.start_bag().uri
+    loop.publish_blocks(1, 0, 10)
+    graph.wait_until(lambda: _steps_on_disk(uri) == 10 * BLOCK, what="the telemetry on the disk")
+    client = graph.node.create_client(StopRecording, "/amb/recorder/stop")
+    graph.wait_until(client.service_is_ready, "the recorder")
+    first = client.call_async(StopRecording.Request(wait_for_run=1, wait_for_step=10**12, timeout=3600.0))
+    stopped = loop.stop_bag(1, 10 * BLOCK)
+    assert stopped.success, stopped.message
+    graph.wait_until(first.done, "the answer to the first stop")
+    assert first.result() == stopped
+    assert loop.stop_bag().message == "nothing is being recorded; call ~/start first"
+
+
 def test_a_signal_ends_a_recorder_that_waits_for_steps(loop: Loop, graph: Graph) -> None:
     process = graph.start(RECORDER)
     uri = loop.start_bag().uri

@@ -12,7 +12,8 @@ from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ident_node.ledger import Ledger
-from amb_msgs.msg import Excitation, RegionState, SimulatorState
+from amb_msgs.msg import BridgeState, Excitation, RegionState, SimulatorState
+from amb_ros import topics
 from amb_ros.namesakes import Namesakes
 
 TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "clock"}
@@ -344,3 +345,19 @@ def test_large_blocks_are_compared_with_fewer_others():
     assert len(repeated._blocks) == 10
     repeated.add(1, record(190_000, 10_000, 1.0))
     assert repeated.conflict
+
+
+@pytest.mark.parametrize(
+    ("mode", "within_run"),
+    [
+        (BridgeState.LEVITATED, True),
+        (BridgeState.UNREACHABLE, True),
+        (BridgeState.OFF, False),
+        (BridgeState.TRIPPED, False),
+    ],
+)
+def test_a_rig_at_rest_or_tripped_is_not_within_a_run(mode: int, within_run: bool) -> None:
+    ledger = Ledger()
+    assert ledger.within_run  # as long as nothing is known
+    ledger.note(topics.BRIDGE_STATE, BridgeState(mode=mode, run=1))
+    assert ledger.within_run is within_run

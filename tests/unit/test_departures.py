@@ -11,7 +11,7 @@ SIMULATOR = {"/amb/simulator": {"simulator/state", "clock"}}
 
 def periods(departures: Departures, number: int) -> None:
     for _ in range(number):
-        departures.note_period(SIMULATOR, "20:00")
+        departures.note_period(SIMULATOR, "20:00", True)
 
 
 def test_a_node_that_reports_no_longer_has_died_though_the_graph_still_shows_it() -> None:
@@ -33,7 +33,7 @@ def test_a_node_of_others_lives_as_long_as_it_publishes() -> None:
     periods(departures, 3 * PATIENCE)
     assert departures.died() == []
     for _ in range(PATIENCE):
-        departures.note_period({}, "20:01")
+        departures.note_period({}, "20:01", True)
     assert departures.died()[0].startswith("/amb/simulator died or hangs, last seen at 20:00")
 
 
@@ -48,6 +48,28 @@ def test_a_node_that_was_replaced_within_a_run_ended() -> None:
     departures.start()
     departures.note_report("/amb/simulator", "3", "20:00", False)
     assert departures.died() == []
+
+
+def test_a_node_that_has_left_the_graph_between_two_runs_did_not_die_in_the_second() -> None:
+    """Such as a controller that another one replaces while the simulator is paused."""
+    departures = Departures()
+    periods(departures, 1)
+    departures.note_report("/amb/simulator", "1", "19:59", True)
+    for _ in range(PATIENCE):
+        departures.note_period({}, "20:01", False)
+    for _ in range(PATIENCE):
+        departures.note_period({}, "20:02", True)
+    assert departures.died() == []
+
+
+def test_a_node_that_is_silent_between_two_runs_and_still_in_the_graph_is_missed_in_the_second() -> None:
+    departures = Departures()
+    periods(departures, 1)
+    departures.note_report("/amb/simulator", "1", "19:59", True)
+    for _ in range(PATIENCE):
+        departures.note_period(SIMULATOR, "20:01", False)
+    assert departures.died(within_run=False) == []
+    assert departures.died() != []
 
 
 def test_waiting_ends_with_a_sign_of_life_or_with_patience() -> None:
