@@ -249,7 +249,10 @@ PAGES: dict[str, Covered | Left] = {
     "docs/reference/*.md": Covered("tests/unit/test_docs_examples.py::test_the_examples_run"),
     "src/amb_core/README.md": Covered("tests/unit/test_docs.py::test_examples_without_ros_run"),
     "CONTRIBUTING.md": Covered("tests/unit/test_contributing.py::test_the_examples_run"),
-    "README.md": Covered("tests/unit/test_docs_commands.py::test_commands_have_the_options_that_are_shown"),
+    "README.md": Covered(
+        "tests/graph/test_programs_of_the_readme.py::"
+        "test_one_records_and_identifies_and_a_node_identifies_the_same_bag",
+    ),
     "amb_*/README.md": Covered("tests/unit/test_docs_commands.py::test_commands_have_the_options_that_are_shown"),
     "src/amb_*/README.md": Covered("tests/unit/test_docs.py::test_python_examples_are_python"),
     "docs/index.md": Covered("tests/unit/test_docs_commands.py::test_commands_have_the_options_that_are_shown"),

@@ -5,6 +5,7 @@ The parameter tables in the READMEs are rendered from the declarations; `python 
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import inspect
 import os
@@ -107,6 +108,21 @@ def listed_in(page: Path) -> Iterator[Path]:
 def test_python_examples_are_python(page: Path) -> None:
     for number, example in enumerate(_examples(page)):
         compile(example, f"{page.relative_to(ROOT)} example {number}", "exec")
+
+
+def test_programs_with_rclpy_end_with_the_wheels_and_wait_for_no_answer_for_ever() -> None:
+    """As docs/how-to/troubleshoot.md tells its readers."""
+    programs = [example for page in PAGES for example in _examples(page) if "rclpy.init()" in example]
+    assert programs
+    for program in programs:
+        assert 0 < program.find("middleware.configure()") < program.index("rclpy.init()"), program
+    for page in PAGES:
+        for example in _examples(page):
+            for node in ast.walk(ast.parse(example)):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                    waits = node.func.attr in ("wait_for_service", "wait_for_server", "spin_until_future_complete")
+                    limit = any(keyword.arg in ("timeout_sec", "timeout") for keyword in node.keywords)
+                    assert limit or not waits, f"{page.relative_to(ROOT)}: {ast.unparse(node)}"
 
 
 def test_examples_without_ros_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
