@@ -30,7 +30,7 @@ from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, SimulatorSta
 from amb_msgs.msg import RegionMap as RegionMapMessage
 from amb_msgs.srv import PreviewExcitation, StartExcitation, StopExcitation
 from amb_ros import diagnostics, topics
-from amb_ros.excitation_messages import HIGHEST_STEP
+from amb_ros.excitation_messages import HIGHEST_STEP, STOP
 from amb_ros.machine import MachineInput
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -67,11 +67,11 @@ class ExcitationGeneratorNode(Node):
         self._settings = declare(self, GeneratorParameters)
         self._run = 0
         self._run_known = threading.Event()
-        self._publishing = threading.Lock()  # of id, stops, awaited and latched
+        self._publishing = threading.Lock()  # of id, stops, awaited and active
         self._first_id = self._id = secrets.randbelow(HIGHEST_FIRST_ID)
         self._stops = 0  # requests to stop that have arrived
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
-        self._latched: Excitation | None = None  # the last one that a controller has accepted
+        self._active: Excitation | None = None  # the last one that was accepted, until a stop
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
         self._status_subscription = create_subscription(
@@ -231,7 +231,7 @@ class ExcitationGeneratorNode(Node):
             self._replace(message, _stop(message.run))  # a controller may have taken it without a timely answer
             raise
         if not status.accepted:
-            self._replace(message, self._latched or _stop(message.run))
+            self._replace(message, self._active or _stop(message.run))
             raise ExcitationError(status.message)
         self._keep(message, status)
         return status
@@ -241,6 +241,8 @@ class ExcitationGeneratorNode(Node):
         self._id += 1
         message.id = self._id
         message.header.stamp = self._wall_clock.now().to_msg()
+        if message.kind == STOP:
+            self._active = None  # answered or not: nobody may take up again what it has ended
         answer = self._awaited[self._id] = Future()
         self._publisher.publish(message)
         return answer
@@ -265,13 +267,14 @@ class ExcitationGeneratorNode(Node):
         with self._publishing:
             if message.id != self._id:
                 return
-            self._latched = message
+            if message.kind != STOP:
+                self._active = message
             if message.first_step != status.first_step:
                 message.first_step = status.first_step
                 self._publisher.publish(message)
 
     def _replace(self, failed: Excitation, former: Excitation) -> None:
-        """Take back an excitation: publish a stop, or the one before it, which a controller then plays already."""
+        """Take back an excitation: publish a stop, or the one before it, which goes on meanwhile."""
         self._publisher.wait_for_all_acked(DELIVERY)  # the topic keeps one message only
         with self._publishing:
             if failed.id == self._id:
@@ -283,6 +286,8 @@ class ExcitationGeneratorNode(Node):
 
     def _on_status(self, message: ExcitationStatus) -> None:
         with self._publishing:
+            if message.kind == STOP and message.accepted and self._active and message.run == self._active.run:
+                self._active = None  # by whomever: a user's own node, or the bridge itself
             answer = self._awaited.get(message.id)
             # A later first step is not one of a controller: the generator asks for none.
             if answer is not None and not answer.done() and message.first_step <= HIGHEST_STEP:
@@ -304,7 +309,7 @@ class ExcitationGeneratorNode(Node):
 
 
 def _stop(run: int) -> Excitation:
-    return Excitation(run=run, kind="stop", first_step=Excitation.FROM_NEXT_STEP)
+    return Excitation(run=run, kind=STOP, first_step=Excitation.FROM_NEXT_STEP)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -27,8 +27,8 @@ SQUARE = {"kind": "square", "amplitude": 1e-6, "axes": "x", "duration": 0.1, "fr
 class Controlled:
     """A generator, and a controller that answers as the test says."""
 
-    def __init__(self, graph: Graph) -> None:
-        self.graph = graph
+    def __init__(self, graph: Graph, answer_timeout: float = 60.0) -> None:
+        self.graph, self._answer_timeout = graph, answer_timeout
         self.heard: list[Excitation] = []
         self.answers: Callable[[Excitation], bool | None] = lambda _: True
         node = graph.node
@@ -43,7 +43,7 @@ class Controlled:
         graph.wait_until(self._status.get_subscription_count, "the generator")
 
     def _start_generator(self) -> NodeProcess:
-        return self.graph.start(GENERATOR, parameters={"answer_timeout": 60.0})
+        return self.graph.start(GENERATOR, parameters={"answer_timeout": self._answer_timeout})
 
     def start_anew(self) -> None:
         """End the generator and start another one."""
@@ -63,6 +63,10 @@ class Controlled:
     def refuse(self, number: int, reason: str) -> None:
         """Answer an excitation of any time."""
         self._status.publish(ExcitationStatus(run=RUN, id=number, accepted=False, message=reason))
+
+    def end(self, number: int) -> None:
+        """Report that what plays has ended, by a stop of this number."""
+        self._status.publish(ExcitationStatus(run=RUN, id=number, kind="stop", accepted=True, first_step=9))
 
     def asked(self) -> Any:
         """The response to a request."""
@@ -123,6 +127,28 @@ def test_a_refused_start_leaves_what_plays(generator: Controlled) -> None:
     latched = generator.latched()
     assert latched.id == generator.heard[0].id, "the first one, which goes on"
     assert latched.first_step == 7, "with its step resolved"
+
+
+@pytest.mark.parametrize("ended_by", ["a start that is not answered", "a stop that is not answered"])
+def test_a_refused_start_does_not_bring_back_what_a_stop_has_ended(graph: Graph, ended_by: str) -> None:
+    generator = Controlled(graph, answer_timeout=1.0)
+    graph.wait_until(lambda: generator.asked().success, "an excitation that is accepted in time")
+    generator.answers = lambda _: None
+    response = generator.asked() if "start" in ended_by else generator.stop()
+    assert "no answer within" in response.message
+    assert generator.latched().kind == "stop"
+    generator.answers = lambda message: message.kind == "stop"
+    assert not generator.asked().success
+    assert generator.latched().kind == "stop"
+
+
+@pytest.mark.parametrize("by", ["the bridge", "a user's own node"])
+def test_a_refused_start_does_not_bring_back_what_others_have_ended(generator: Controlled, by: str) -> None:
+    assert generator.asked().success
+    generator.end(generator.heard[0].id if by == "the bridge" else 0)
+    generator.answers = lambda message: message.kind == "stop"
+    assert not generator.asked().success
+    assert generator.latched().kind == "stop"
 
 
 def test_an_answer_to_a_generator_before_it_is_no_answer(graph: Graph) -> None:
