@@ -110,6 +110,14 @@ def test_the_buffer_knows_an_excitation_that_came_before_its_run() -> None:
     assert buffer.experiment == (0, 80)
 
 
+def test_the_buffer_keeps_an_excitation_whose_end_has_its_number_and_the_first_of_several_ends() -> None:
+    buffer = ExperimentBuffer(capacity=1000)
+    buffer.add_block(1, block(0))
+    for answer in (excitation(100, 500), excitation(130, 0), excitation(170, 0), excitation(200, 0, accepted=False)):
+        buffer.add_excitation(answer)
+    assert buffer.experiment == (100, 130)
+
+
 def test_excitations_of_strangers_take_bounded_memory() -> None:
     """Answers to excitations of runs to come, each with texts of any length."""
     buffer = ExperimentBuffer(capacity=1000)
@@ -120,7 +128,7 @@ def test_excitations_of_strangers_take_bounded_memory() -> None:
         )
         buffer.add_excitation(answer_from_message(answer))
     assert len(buffer._excitations) == KEPT_EXCITATIONS
-    assert max(len(kept.message) + len(kept.kind) for kept in buffer._excitations.values()) < 3_000
+    assert max(len(kept.message) + len(kept.kind) for kept in buffer._excitations) < 3_000
     buffer.add_excitation(excitation(0, 80))
     assert buffer.experiment == (0, 80)
 

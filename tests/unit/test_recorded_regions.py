@@ -79,6 +79,7 @@ def write_bag(
     delevitated: bool = False,
     broken: int | slice | None = None,
     stopped: int | None = None,
+    stopped_by: int = 2,
     old: bool = False,
 ) -> Path:
     frequency, reference, position = sweep_signals()
@@ -103,7 +104,7 @@ def write_bag(
             )  # fmt: skip
     if stopped is not None:
         stop = message(
-            "ExcitationStatus", run=7, id=2, kind="stop", accepted=True, message="", first_step=stopped, steps=0
+            "ExcitationStatus", run=7, id=stopped_by, kind="stop", accepted=True, message="", first_step=stopped, steps=0
         )
         messages.append(stop)
     if delevitated:
@@ -233,8 +234,10 @@ def test_a_bag_without_telemetry_is_refused(tmp_path: Path) -> None:
         classify_run(Recording.read(tmp_path / "bag"))
 
 
-def test_an_excitation_ends_where_it_is_stopped(tmp_path: Path) -> None:
-    frequency = Recording.read(write_bag(tmp_path / "bag", stopped=30_000)).input_frequency(0, STEPS)
+@pytest.mark.parametrize("by", [1, 2], ids=["by the bridge itself", "by a stop"])
+def test_an_excitation_ends_where_it_is_stopped(tmp_path: Path, by: int) -> None:
+    bag = write_bag(tmp_path / "bag", stopped=30_000, stopped_by=by)
+    frequency = Recording.read(bag).input_frequency(0, STEPS)
     known = np.flatnonzero(np.isfinite(frequency))
     assert (known[0], known[-1]) == (START, 29_999)
 

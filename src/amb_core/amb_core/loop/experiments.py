@@ -28,7 +28,7 @@ class AppliedExcitation:
     run, id : int
         Run for which it was requested; its number among the excitations of its generator.
     kind : str
-        Kind of excitation; `stop` for one that ends another.
+        Kind of excitation; `stop` for one that ends another, or with the number of one that has ended early.
     accepted : bool
         Whether the controller applied it; if not, `message` is the reason.
     first_step, steps : int
@@ -170,7 +170,7 @@ class ExperimentBuffer:
         self._capacity = capacity
         self._lock = threading.Lock()
         self._blocks: deque[LoopRecord] = deque()
-        self._excitations: dict[tuple[int, int], AppliedExcitation] = {}
+        self._excitations: dict[AppliedExcitation, None] = {}  # in the order of the answers
         self._run: int | None = None
         self._steps = 0
 
@@ -191,7 +191,7 @@ class ExperimentBuffer:
     def experiment(self) -> tuple[int, int] | None:
         """The last experiment of the current run, see `last_experiment`."""
         with self._lock:
-            return None if self._run is None else last_experiment(self._excitations.values(), self._run)
+            return None if self._run is None else last_experiment(self._excitations, self._run)
 
     def add_block(self, run: int, block: LoopRecord) -> None:
         """Add a block; one of another run, or from before the last block, clears the old data."""
@@ -200,7 +200,7 @@ class ExperimentBuffer:
                 self._blocks.clear()
                 self._steps = 0
                 self._run = run
-                self._excitations = {key: known for key, known in self._excitations.items() if known.run >= run}
+                self._excitations = {known: None for known in self._excitations if known.run >= run}
             self._blocks.append(block)
             self._steps += block.steps
             while self._steps - self._blocks[0].steps >= self._capacity:
@@ -209,8 +209,8 @@ class ExperimentBuffer:
     def add_excitation(self, excitation: AppliedExcitation) -> None:
         """Add an excitation with the controller's response."""
         with self._lock:
-            self._excitations.pop((excitation.run, excitation.id), None)  # reported again: it becomes the last one
-            self._excitations[excitation.run, excitation.id] = excitation
+            self._excitations.pop(excitation, None)  # reported again: it becomes the last one
+            self._excitations[excitation] = None
             if len(self._excitations) > KEPT_EXCITATIONS:
                 del self._excitations[next(iter(self._excitations))]
 

@@ -191,7 +191,8 @@ class RecordedRuns:
             if answer.accepted:  # also for a stop: an excitation ends where the next one begins
                 frequency[answer.first_step :] = np.nan
                 excitation = known.get((answer.run, answer.id), known.get((0, answer.id)))  # 0: the present run
-                part = np.zeros(0) if excitation is None else frequency_from_message(excitation, machine)
+                ends = excitation is None or not answer.steps
+                part = np.zeros(0) if ends else frequency_from_message(excitation, machine)
                 part = part[: max(len(frequency) - answer.first_step, 0)]
                 frequency[answer.first_step : answer.first_step + len(part)] = part
         return frequency[first_step:]
