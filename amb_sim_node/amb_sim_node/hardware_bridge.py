@@ -87,7 +87,9 @@ class HardwareBridgeNode(ManagedNode):
         else:
             self._excitation = RigExcitation(self, lambda: self._ready if self._excitable else None)
             sampled = topics.TELEMETRY
-        reactions = Reactions(self._note_state, self._on_switched_off, self._on_rebooted, self._connected)
+        reactions = Reactions(
+            self._note_state, self._on_stopped, self._on_switched_off, self._on_rebooted, self._connected
+        )
         self._watch = RigWatch(self, reactions, self._host_loop)
         self._state = RigState(self, self._watch)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
@@ -297,6 +299,10 @@ class HardwareBridgeNode(ManagedNode):
         return passed
 
     # -- news of the rig, in the thread of the link
+
+    def _on_stopped(self, step: int) -> None:
+        if self._excitation is not None:
+            self._excitation.end(step)
 
     def _on_switched_off(self) -> None:
         self._excitable = False

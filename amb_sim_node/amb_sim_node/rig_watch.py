@@ -22,6 +22,7 @@ from amb_core.loop.machine import Machine
 from amb_core.recording.messages.loop_samples import fill_loop_samples
 from amb_core.rig import BridgeTrip, Runs, RunSamples, TripLog, describe
 from amb_core.rig.link import (
+    ExcitationPhase,
     NoRecordError,
     TargetDescription,
     TargetLink,
@@ -43,6 +44,7 @@ AGAIN, ATTEMPTS = (
     0.5,
     10,
 )  # s after which what a target keeps is asked for again, since the link may be back, and how often
+_PLAYS = (ExcitationPhase.ARMED, ExcitationPhase.PLAYING)
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Reactions:
     ----------
     changed : callable
         Publishes the state.
+    stopped : callable
+        The target plays its excitation no longer, or will not play it; called with its step.
     switched_off : callable
         The target has switched off by itself.
     rebooted : callable
@@ -62,6 +66,7 @@ class Reactions:
     """
 
     changed: Callable[[], None]
+    stopped: Callable[[int], None]
     switched_off: Callable[[], None]
     rebooted: Callable[[], None]
     link: Callable[[], TargetLink]
@@ -192,6 +197,8 @@ class RigWatch:
         with self.lock:
             former, self.status, self.reachable = self.status, status, True
             tripped = self._trips.note(status, time.monotonic())
+        if former is not None and former.excitation in _PLAYS and status.excitation not in _PLAYS:
+            self._reactions.stopped(status.step)
         self._publish_trips()
         if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
             self._reactions.changed()

@@ -17,7 +17,7 @@ from amb_core.excitation import Square, generate
 from amb_core.loop.control import PdController
 from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
-from amb_msgs.msg import BridgeState, Excitation, Machine, Trip
+from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, Machine, Trip
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
@@ -134,6 +134,26 @@ def test_an_excitation_begins_at_the_step_that_was_asked_for_and_a_later_one_rep
     second = rig.excite(SQUARE)
     assert second.success, second.message
     assert second.first_step > first
+
+
+def test_an_excitation_that_a_landing_cuts_short_is_reported_as_ended(graph: Graph) -> None:
+    rig = Rig(graph)
+    graph.start(GENERATOR)
+    answers: list[ExcitationStatus] = []
+    graph.node.create_subscription(ExcitationStatus, "/amb/excitation_status", answers.append, EVERY_STATE)
+    rig.levitate()
+    whole = rig.excite(SQUARE)
+    assert whole.success, whole.message
+    rig.wait_for_step(whole.first_step + whole.steps + 100)
+    cut = rig.excite(Square(amplitude=10e-6, duration=20.0))
+    assert cut.success, cut.message
+    rig.wait_for_step(cut.first_step + 500)
+    assert rig.change("deactivate")
+    graph.wait_until(lambda: answers[-1].kind == "stop", "the end")
+    assert [answer.kind for answer in answers] == ["square", "square", "stop"]
+    end = answers[-1]
+    assert (end.id, end.accepted) == (answers[1].id, True)
+    assert cut.first_step + 500 <= end.first_step < cut.first_step + cut.steps
 
 
 def test_what_protection_forbids_is_refused_in_one_line_and_the_loop_goes_on(graph: Graph) -> None:

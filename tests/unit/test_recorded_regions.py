@@ -104,7 +104,14 @@ def write_bag(
             )  # fmt: skip
     if stopped is not None:
         stop = message(
-            "ExcitationStatus", run=7, id=stopped_by, kind="stop", accepted=True, message="", first_step=stopped, steps=0
+            "ExcitationStatus",
+            run=7,
+            id=stopped_by,
+            kind="stop",
+            accepted=True,
+            message="",
+            first_step=stopped,
+            steps=0,
         )
         messages.append(stop)
     if delevitated:

@@ -1,4 +1,7 @@
-"""Answers of a controller or bridge to the messages of the topic excitation: one for each, on `excitation_status`."""
+"""Answers of a controller or bridge to the messages of the topic excitation: one for each, on `excitation_status`.
+
+A bridge reports there, too, that an excitation has ended before its last step.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from rclpy.node import Node
 
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
-from amb_ros.excitation_messages import length
+from amb_ros.excitation_messages import STOP, length
 from amb_ros.qos import EVERY_STATE
 
 LONGEST_KIND = 50  # characters of it that are repeated in an answer
@@ -37,6 +40,10 @@ class ExcitationAnswers:
         status.accepted, status.message = False, reason
         self._node.get_logger().warning(f"excitation {status.id} refused: {reason}")
         self._publish(status)
+
+    def end(self, run: int, number: int, step: int) -> None:
+        """Report that an accepted excitation ends at a step, before its last one."""
+        self._publish(ExcitationStatus(run=run, id=number, kind=STOP, accepted=True, first_step=step))
 
     def _publish(self, status: ExcitationStatus) -> None:
         if self._node.context.ok():

@@ -23,6 +23,8 @@ from amb_core.rig.link import Limits
 OUT_OF_BAND = 0.01
 """Share of the power of an excitation that may lie outside the band: its steps from and to zero are never in it."""
 
+LONGEST_FADE = 60.0  # s, of every target
+
 
 class ProtectionParameters(Parameters):
     """Limits that the host sets; the target's own hold where they are lower."""
@@ -127,11 +129,17 @@ class ExcitationProtection:
         Its axes, its clearances and its sample rate.
     room : int
         Longest excitation that the target has room for, in steps.
+
+    Attributes
+    ----------
+    fade_steps : int
+        Steps for which an excitation that is stopped fades at least.
     """
 
     def __init__(self, parameters: ProtectionParameters, limits: Limits, machine: Machine, room: int) -> None:
         self._parameters, self._limits, self._machine = parameters, limits, machine
         self._axes, self._rate = machine.axis_names, machine.sample_rate
+        self.fade_steps = math.ceil(min(limits.fade_time, LONGEST_FADE) * self._rate)
         wanted = parameters.longest_excitation
         self._steps, self._by = room, "room for it on the target"
         if wanted and round(wanted * self._rate) < room:
