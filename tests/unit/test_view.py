@@ -78,6 +78,23 @@ def test_an_unknown_order_is_refused_with_the_known_ones(order: object) -> None:
         Orders(lambda: 0).lane(order)
 
 
+ENDING = ("stop_excitation", "stop_recording", "pause", "land", "off")
+OTHERS = (
+    "start_excitation", "start_recording", "run", "reset", "levitate", "reset_trip", "build_map", "identify", "certify",
+)  # fmt: skip
+
+
+def test_what_ends_something_waits_for_no_other_order() -> None:
+    orders = Orders(lambda: 0)
+    with pytest.raises(AmbError, match="allowed: ") as refusal:
+        orders.lane("")
+    known = str(refusal.value).partition("allowed: ")[2].split(", ")
+    assert set(known) == {*ENDING, *OTHERS}, "a new order is one that ends something, or not"
+    for ending in ENDING:
+        assert [other for other in known if orders.lane(other) is orders.lane(ending)] == [ending]
+    orders.close()
+
+
 def test_the_form_of_every_excitation_has_its_declared_settings() -> None:
     shown = json.loads(json.dumps(forms()))["excitations"]
     assert set(shown) == set(KINDS)

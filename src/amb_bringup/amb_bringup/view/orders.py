@@ -26,6 +26,8 @@ Report = Callable[[str], None]
 class Orders:
     """Carries out orders, each in the thread of its lane, so that none waits for a long one of another lane.
 
+    What ends something has a lane of its own: it waits for nothing.
+
     Parameters
     ----------
     present_run : callable
@@ -37,18 +39,18 @@ class Orders:
         self._lanes: dict[str, _Lane] = {}
         self._orders: dict[str, tuple[str, Callable[[AmbClient, Settings, Report], str]]] = {
             "start_excitation": ("control", self._start_excitation),
-            "stop_excitation": ("control", _stop_excitation),
+            "stop_excitation": ("stop_excitation", _stop_excitation),
             "start_recording": ("recording", _start_recording),
-            "stop_recording": ("recording", _stop_recording),
+            "stop_recording": ("stop_recording", _stop_recording),
             "run": ("simulator", _run),
-            "pause": ("simulator", lambda client, _settings, _report: f"paused at step {client.pause()}"),
+            "pause": ("pause", lambda client, _settings, _report: f"paused at step {client.pause()}"),
             "reset": ("simulator", lambda client, _settings, _report: f"reset; run {client.reset()}"),
-            "off": ("off", _off),  # a lane of its own: it waits for nothing
+            "off": ("off", _off),
             "reset_trip": ("rig", _reset_trip),
             "certify": ("identification", _certify),
             "build_map": ("map", _build_map),
             "levitate": ("rig", lambda client, _settings, _report: f"levitated; run {client.rig.levitate()}"),
-            "land": ("rig", _land),
+            "land": ("land", _land),
             "identify": ("identification", _identify),
         }
 
