@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
+from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.client.experiment import RigStand, landing
 from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_bringup.graph.packages import find_executable
 from amb_core.excitation import Square, generate
@@ -76,6 +78,25 @@ def test_a_levitation_is_called_off_by_a_landing_and_by_the_end_of_the_bridge(gr
         assert not levitated()
         graph.wait_until(lambda: BridgeState.OFF in [state.mode for state in rig.states], "the landing")
         assert rig.change("cleanup") == (label == "deactivate")
+
+
+@pytest.mark.parametrize("by", ["land", "a session that is interrupted"])
+def test_a_client_lands_a_rotor_that_is_being_levitated(graph: Graph, by: str) -> None:
+    rig = Rig(graph, bridge={"levitation_time": 60.0})
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as amb:
+        amb.rig.connect()
+        levitated = rig.asked("activate")
+        graph.wait_until(lambda: rig.state.mode == BridgeState.LEVITATING, "the levitation")
+        if by == "land":
+            amb.rig.land()
+        else:
+            with pytest.raises(KeyboardInterrupt), landing(RigStand(amb, lambda *_: None), recorded=False):
+                raise KeyboardInterrupt
+        assert not levitated()
+        assert rig.life_cycle == "inactive"
+        graph.wait_until(lambda: rig.state.mode == BridgeState.OFF, "the end of the currents")
+        with pytest.raises(ClientError, match="deactivate is not allowed while inactive; allowed: "):
+            amb.rig.land()
 
 
 @pytest.mark.parametrize("levitated", [True, False])

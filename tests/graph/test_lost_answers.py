@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.action import ActionServer
 from rclpy.clock import Clock, ClockType
@@ -72,6 +73,17 @@ def test_parameters_are_asked_for_again(graph: Graph) -> None:
     assert remote.read("/amb/forgetful", TIMEOUT) == {"gain": False}
     assert min(map(len, answers)) >= 2, "neither answer came at once"
     assert remote.read("/amb/forgetful", TIMEOUT) == {"gain": False}
+
+
+def test_a_bridge_is_asked_for_its_state_again(graph: Graph) -> None:
+    def label(_: Any, response: Any) -> Any:
+        response.current_state.label = "active"
+        return response
+
+    answers = _lose_answers(graph.node.create_service(GetState, "/amb/hardware_bridge/get_state", label), 1)
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as amb:
+        assert amb.rig.life_cycle() == "active"
+    assert len(answers) >= 2, "the first answer did not come"
 
 
 def test_a_node_that_never_tells_its_parameters_is_named(graph: Graph) -> None:

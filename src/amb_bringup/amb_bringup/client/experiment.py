@@ -173,7 +173,7 @@ class RigStand(Stand):
         state = self._amb.rig.wait_for_state()
         run = int(state.run)
         self._progress("land", 0, 1)
-        if self._amb.rig.life_cycle() == "active":
+        if self._amb.rig.is_up():
             self._amb.rig.land()
         self._progress("land", 1, 1)
         return run, int(self._amb.rig.wait_for_state().step)

@@ -17,12 +17,12 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.connection import UNKNOWN, ClientError
 from amb_bringup.client.region_calls import RegionCalls
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, LATCHED
-from amb_ros.requests import QUICKLY
+from amb_ros.requests import QUICKLY, PendingRequest
 from amb_ros.subscriptions import create_subscription
 
 BRIDGE = "hardware_bridge"
@@ -32,7 +32,8 @@ MODES = {
     getattr(BridgeState, name): name.lower()
     for name in ("OFF", "LEVITATING", "LEVITATED", "LANDING", "TRIPPED", "UNREACHABLE")
 }
-_ALLOWED_FROM = {"configure": "unconfigured", "activate": "inactive", "deactivate": "active", "cleanup": "inactive"}
+_ALLOWED_FROM = {"configure": "unconfigured", "activate": "inactive", "cleanup": "inactive"}
+"""From where the bridge takes a request. One to land is never held back here: it ends a levitation, too."""
 
 
 class Rig:
@@ -85,7 +86,7 @@ class Rig:
         return int(state.run)
 
     def land(self) -> None:
-        """Land the rotor (transition `deactivate`)."""
+        """Land the rotor, also one that is being levitated (transition `deactivate`)."""
         self._transition("deactivate")
 
     def off(self) -> None:
@@ -101,11 +102,20 @@ class Rig:
         self._client.call(Trigger, f"{BRIDGE}/reset_faults", repeat_after=QUICKLY)
 
     def life_cycle(self) -> str:
-        """State in the life cycle: unconfigured, inactive, active or finalized."""
+        """State in the life cycle: unconfigured, inactive, active or finalized, or that of a transition."""
         self._client.wait_until(self._get.service_is_ready, complaint=f"no node {BRIDGE}; is it running?")
-        answer = self._get.call_async(GetState.Request())
-        self._client.wait_until(answer.done, complaint=f"no answer from {BRIDGE}/get_state")
-        return str(answer.result().current_state.label)
+        pending = PendingRequest(self._get, GetState.Request(), QUICKLY)
+        try:
+            self._client.wait_until(
+                lambda: pending.answer() is not None, complaint=f"no answer from {BRIDGE}/get_state"
+            )
+            return str(pending.answer().current_state.label)
+        finally:
+            pending.forget()
+
+    def is_up(self) -> bool:
+        """Whether there is a rotor to land: the bridge is active, or on the way to it."""
+        return self.life_cycle() in ("activating", "active")
 
     def wait_for_state(self) -> BridgeState:
         """The state of the bridge, after waiting for the first."""
@@ -143,13 +153,12 @@ class Rig:
         return state if state is not None and state.mode == BridgeState.LEVITATED and state.run else None
 
     def _transition(self, label: str) -> None:
-        present = self.life_cycle()
-        if present != _ALLOWED_FROM[label]:
+        if label in _ALLOWED_FROM and (present := self.life_cycle()) != _ALLOWED_FROM[label]:
             raise ClientError(f"{BRIDGE} is {present}; {label} is allowed while it is {_ALLOWED_FROM[label]}")
         self._client.wait_until(self._change.service_is_ready, complaint=f"no node {BRIDGE}; is it running?")
         before = self.state.sequence if self.state is not None else 0
         answer = self._change.call_async(ChangeState.Request(transition=Transition(label=label)))
-        self._client.wait_until(answer.done, TRANSITION_TIMEOUT, f"no answer from {BRIDGE}/change_state")
+        self._client.wait_until(answer.done, TRANSITION_TIMEOUT, f"no answer from {BRIDGE}/change_state{UNKNOWN}")
         if answer.result().success:
             return
         self._client.wait_until(

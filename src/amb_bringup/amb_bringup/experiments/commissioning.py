@@ -268,7 +268,7 @@ class Session:
     def _one_levitation(self) -> tuple[NDArray[np.float64], list[Check]]:
         """Levitate, and look at the rotor once it rests. Returns its position (m), and the checks."""
         machine, rig = self.machine, self.amb.rig
-        if rig.life_cycle() == "active":
+        if rig.is_up():
             rig.land()
         try:
             self._measured.run = rig.levitate()
@@ -365,7 +365,7 @@ class Session:
         rig = self.amb.rig
         if rig.life_cycle() == "unconfigured":
             raise _NotDoneError("the bridge is not connected; the currents are off")
-        if rig.life_cycle() == "active":
+        if rig.is_up():
             rig.land()
         self._measured.run = 0
         state = rig.wait_for_state()
