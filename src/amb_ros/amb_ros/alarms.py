@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable
 
+KEPT = 3  # alarms, of those that follow each other
 HOLD = 5.0  # s for which a single event is shown: long enough for a display that looks now and then
 
 
@@ -40,24 +42,37 @@ class RecentProblem:
 
 
 class AlarmRecord:
-    """The last alarm of a node that is over.
+    """The last alarms of a node that are over: the gravest since all was well. Other numbers make no other alarm.
 
     Attributes
     ----------
     last : str
-        What it was, and from when to when; empty if there was none.
+        What they were, and from when to when, the latest `KEPT` of them; empty if there were none.
     """
 
     def __init__(self) -> None:
         self.last = ""
+        self._over: list[tuple[int, str]] = []  # level and text, since all was well
         self._level = 0
         self._text = ""
         self._since = ""
 
     def note(self, level: int, text: str, now: str) -> None:
         """The node reports a level, 0 if all is well, with a text, at a time."""
-        if level < self._level:
-            self.last = f"{self._text} (from {self._since} to {now})"
-        if level != self._level:
+        if (level, _without_numbers(text)) != (self._level, _without_numbers(self._text)):
+            if self._level:
+                self._file(now)
+            else:
+                self._over = []
             self._level, self._since = level, now
         self._text = text
+
+    def _file(self, now: str) -> None:
+        self._over.append((self._level, f"{self._text} (from {self._since} to {now})"))
+        gravest = max(level for level, _ in self._over)
+        self._over = [(level, text) for level, text in self._over if level == gravest][-KEPT:]
+        self.last = "; ".join(text for _, text in self._over)
+
+
+def _without_numbers(text: str) -> str:
+    return re.sub(r"\d+", "", text)
