@@ -31,7 +31,7 @@ from amb_core.rig.link import (
     TargetStatus,
 )
 from amb_ros import diagnostics, network, topics
-from amb_ros.managed_node import ManagedNode
+from amb_ros.managed_node import CalledOffError, ManagedNode
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.services import create_service
@@ -172,7 +172,7 @@ class HardwareBridgeNode(ManagedNode):
             try:
                 self._wait_for((TargetState.LEVITATED,), seconds, self._require_wanted)
                 self._wait_for_run()
-            except TargetError:
+            except AmbError:
                 self._land(link)  # a node that is not active must not leave a rotor up that it has levitated
                 raise
         self._wait_for_run()
@@ -231,9 +231,9 @@ class HardwareBridgeNode(ManagedNode):
         return self._link
 
     def _require_wanted(self) -> None:
-        """Raise TargetError if a levitation is not wanted any more."""
+        """Raise CalledOffError if a levitation is not wanted any more."""
         if self.called_off.is_set():
-            raise TargetError("called off, by a request to land, to switch off or to end")
+            raise CalledOffError("called off, by a request to land, to switch off or to end")
 
     def _require_same_machine(self) -> None:
         """Raise TargetError if the target is another machine since its reboot."""
@@ -392,8 +392,16 @@ class HardwareBridgeNode(ManagedNode):
     def _report(self) -> diagnostics.Report:
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
-        problem = self._watch.latched() or self._unsent or self.problem
+        problem = self._watch.latched() or self._unsent or self._failure()
         return report(self.state_label, self._watch, self._link, limits, problem, self._losses.text(self._link))
+
+    def _failure(self) -> str:
+        """Why the last transition failed: shown as an event, but as long as the rotor is up nevertheless."""
+        if self.problem != self.failure.last:  # another one has been done since, or the faults are reset
+            return ""
+        status = self._watch.status
+        up = status is not None and status.state not in (TargetState.OFF, TargetState.TRIPPED)
+        return self.problem if up else self.failure.text
 
 
 def main(args: list[str] | None = None) -> int:

@@ -164,8 +164,12 @@ class Rig:
 
     def values(self, node: str) -> dict[str, str]:
         """The latest diagnostics of a node."""
-        mine = [status for status in self.statuses if status.name == f"amb/{node}"]
+        mine = self.health(node)
         return {item.key: item.value for item in mine[-1].values} if mine else {}
+
+    def health(self, node: str) -> list[DiagnosticStatus]:
+        """All diagnostics of a node."""
+        return [status for status in self.statuses if status.name == f"amb/{node}"]
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         self.statuses += array.status

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from amb_bringup.client import AmbClient, ClientError
@@ -20,10 +21,11 @@ from amb_core.loop.control import PdController
 from amb_core.plant.simulation import simulate
 from amb_core.recording.messages.loop_samples import block_from_message, steps_in
 from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, Machine, Trip
+from amb_ros.alarms import HOLD
 from amb_ros.qos import EVERY_STATE, LATCHED
 from tests.graph.conftest import Graph
 from tests.graph.limits import TIMEOUT
-from tests.graph.rig import EMULATOR, UNHURRIED, Rig, config, unhurried_file
+from tests.graph.rig import EMULATOR, UNHURRIED, Rig, config, free_port, unhurried_file
 
 GENERATOR = "amb_controller_node.excitation_generator"
 SQUARE = Square(amplitude=10e-6, duration=0.2, frequency=20.0, axes="in_turn")
@@ -112,6 +114,52 @@ def test_off_switches_the_currents_off_at_once(graph: Graph, levitated: bool) ->
     assert answer() == levitated
     graph.wait_until(lambda: rig.state.mode == BridgeState.OFF, "the end of the currents")
     graph.wait_until(lambda: rig.life_cycle == "inactive", "the end of the levitation")
+
+
+@pytest.mark.parametrize("by", ["off", "deactivate"])
+def test_a_levitation_that_is_called_off_is_no_error(graph: Graph, by: str) -> None:
+    rig = Rig(graph, bridge={"levitation_time": 60.0})
+    assert rig.change("configure")
+    levitated = rig.asked("activate")
+    graph.wait_until(lambda: rig.state.mode == BridgeState.LEVITATING, "the levitation")
+    rig.statuses.clear()
+    if by == "off":
+        assert graph.call(Trigger, "/amb/hardware_bridge/off").success
+    else:
+        assert rig.change("deactivate")
+    assert not levitated()
+    graph.wait_until(lambda: rig.life_cycle == "inactive" and rig.state.mode == BridgeState.OFF, "the end")
+    count = len(rig.health("hardware_bridge"))
+    graph.wait_until(lambda: len(rig.health("hardware_bridge")) > count + 1, "diagnostics")
+    assert DiagnosticStatus.ERROR not in [status.level for status in rig.health("hardware_bridge")]
+
+
+def test_a_transition_that_failed_is_an_error_for_a_while(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"link.port": free_port(), "link.timeout": 0.2})
+    assert not rig.change("configure")
+    graph.wait_until(
+        lambda: any(status.message.startswith("configure: ") for status in rig.health("hardware_bridge")), "the error"
+    )
+    graph.wait_until(lambda: rig.health("hardware_bridge")[-1].level == DiagnosticStatus.OK, "its end")
+    assert rig.values("hardware_bridge")["last alarm"].startswith("configure: ")
+    assert rig.state.problem.startswith("configure: ")
+
+
+def test_a_bridge_that_cannot_take_a_levitated_rotor_over_shows_that_as_long_as_the_rotor_is_up(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"at_exit": "stay"})
+    rig.levitate()
+    graph.stop(rig.bridge)
+    graph.environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
+    graph.environment.pop("FASTRTPS_DEFAULT_PROFILES_FILE", None)
+    rig.start_bridge()
+    assert rig.change("configure")
+    assert not rig.change("activate")
+    rig.statuses.clear()
+    longer = round(HOLD / 0.5) + 4  # reports than a single event is shown in
+    graph.wait_until(lambda: len(rig.health("hardware_bridge")) > longer, "diagnostics")
+    for status in rig.health("hardware_bridge")[1:]:
+        assert status.level == DiagnosticStatus.ERROR
+        assert "activate: other hosts of the network reach this node" in status.message
 
 
 @pytest.mark.parametrize("machine", ["paper", "rig"])

@@ -20,10 +20,15 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from amb_core.ground.errors import AmbError, bounded, one_line
+from amb_ros.alarms import RecentProblem
 from amb_ros.deferred_answers import answer_by
 
 ACTIVATE, DEACTIVATE, SHUTDOWN = "activate", "deactivate", "shutdown"
 LONGEST_LABEL = 50  # characters of a request that are repeated in the log
+
+
+class CalledOffError(AmbError):
+    """An activation is given up, since the node has been asked to leave meanwhile: no failure."""
 
 
 class ManagedNode(LifecycleNode):
@@ -34,7 +39,9 @@ class ManagedNode(LifecycleNode):
     worker : ThreadPoolExecutor
         Runs the transitions, and whatever must not run at the same time.
     problem : str
-        Why the last transition failed; empty after one that did not.
+        Why the last transition failed or was called off; empty while one is under way, and after one that did not fail.
+    failure : RecentProblem
+        Transitions that failed, those that were called off apart.
     called_off : threading.Event
         Set while an activation must not begin or go on, since the node has been asked to leave meanwhile.
     refusal : str
@@ -44,6 +51,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **arguments: Any) -> None:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix=name)
         self.problem = self.refusal = ""
+        self.failure = RecentProblem()
         self.called_off = threading.Event()
         self._has_called_off = False  # the last transition: what follows is the request that has done so
         super().__init__(name, **arguments)
@@ -146,17 +154,22 @@ class ManagedNode(LifecycleNode):
         return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
+        self.problem = ""
         try:
             work()
+        except CalledOffError as reason:
+            self.problem = f"{name}: {one_line(reason)}"
+            self.get_logger().info(self.problem)
+            return TransitionCallbackReturn.FAILURE
         except AmbError as problem:
             self.problem = f"{name}: {one_line(problem)}"
         except Exception as problem:
             self.get_logger().error(traceback.format_exc())
             self.problem = f"{name}: internal error: {problem!r}; see the log"
         else:
-            self.problem = ""
             self.get_logger().info(f"{name}: done")
             return TransitionCallbackReturn.SUCCESS
+        self.failure.note(self.problem)
         self.get_logger().error(self.problem)
         return TransitionCallbackReturn.FAILURE
 
