@@ -71,7 +71,8 @@ def main() -> int:
     """Run the commands; 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the only size there is")
-    parser.add_argument("--only", nargs="*", help="only lines with one of these names, such as 'amb plant modes'")
+    names = list(dict.fromkeys(name_of(words) for _, _, words in steps(0) if words))
+    parser.add_argument("--only", nargs="*", choices=names, metavar="NAME", help=f"only these, of {', '.join(names)}")
     chosen = parser.parse_args()
     file = results_file("commands.json", quick=True)
     folder = file.with_suffix("")

@@ -83,6 +83,7 @@ def test_the_targets_run_the_programs_that_are_listed() -> None:
     [
         ("tests.front_door.run nothing", "tests.validation.run"),
         ("tests.front_door.faults nothing", "a command is not on the list"),
+        ("tests.front_door.commands --only nothing", "amb plant modes"),
         ("tests.soak.run --parts nothing", "recovery"),
         ("tests.fuzz.files --only nothing", "deep.json"),
         ("tests.benchmarks.explained.run nothing", "subharmonics"),
