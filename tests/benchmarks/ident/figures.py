@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Self
+
+from pydantic import ConfigDict, model_validator
+
+from tests.benchmarks.ident import peers
 from tests.front_door.figures import Figures
 
 
@@ -15,7 +20,7 @@ class Bound(Figures):
 
 
 class Method(Bound):
-    """Medians over the runs that gave a model, None where they diverge, and counts."""
+    """Medians over the runs that gave a model, None where they diverge, counts, and why the first of them failed."""
 
     fit_squares: float | None
     fit_multisine: float | None
@@ -28,10 +33,44 @@ class Method(Bound):
     unstable_poles_right: int
     closed_loop_stable: int
     failures: int
+    reason: str | None = None
 
 
-class DataSet(Figures):
-    """Our methods on one data set."""
+class Peer(Figures):
+    """The same of a method of another package: no medians where every run failed, and no innovations without a gain."""
+
+    fit_squares: float | None = None
+    fit_multisine: float | None = None
+    frf_max_percent: float | None = None
+    frf_below_500_percent: float | None = None
+    fit_simulation: float | None = None
+    fit_prediction: float | None = None
+    seconds: float | None = None
+    peak_mb: float | None = None
+    innovation_ratio: float | None = None
+    runs: int
+    unstable_poles_right: int | None = None
+    closed_loop_stable: int | None = None
+    failures: int
+    reason: str | None = None
+
+
+class BesidePeers(Figures):
+    """Our methods by name, and beside them those of other packages, where they are installed."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Peer]
+
+    @model_validator(mode="after")
+    def _only_peers(self) -> Self:
+        for name in self.__pydantic_extra__:
+            if name not in peers.NAMES:
+                raise ValueError(f"{name} is no method; those of other packages: {', '.join(peers.NAMES)}")
+        return self
+
+
+class DataSet(BesidePeers):
+    """The methods on one data set."""
 
     ours: Method
     ours_ssarx: Method
@@ -48,10 +87,11 @@ class RealMethod(Figures):
     peak_mb: float
     runs: int
     failures: int
+    reason: str | None = None
 
 
-class RealData(Figures):
-    """Our methods on the CD player."""
+class RealData(BesidePeers):
+    """The methods on the CD player."""
 
     ours: RealMethod
     ours_ssarx: RealMethod
@@ -59,7 +99,7 @@ class RealData(Figures):
 
 
 class BenchIdent(Figures):
-    """All that is measured without other packages; the CD player only where its file is."""
+    """All data sets; the CD player only where its file is."""
 
     squares: DataSet
     multisine: DataSet

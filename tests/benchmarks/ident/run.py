@@ -1,7 +1,7 @@
 """Accuracy, time and memory of identification, next to other packages, on a known unstable bearing in closed loop.
 
 Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
-of an environment in which peers.txt is installed; without it they are left out. Finished runs are kept in
+of an environment in which peers.txt is installed; without it, and in the smallest size, they are left out. Finished runs are kept in
 results/bench_ident and not repeated as long as code and packages are the same. Prints a table per data set and writes
 results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
 counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can
@@ -78,18 +78,16 @@ class Method:
 
 def main() -> None:
     """Measure and report."""
-    arguments = _arguments()
+    arguments = arguments_of()
     file = results_file("bench_ident.json", arguments.quick)
     size = Size(file.with_suffix(""), **SMALLEST if arguments.quick else {"limit": arguments.limit})
     if arguments.quick:
         shutil.rmtree(size.folder, ignore_errors=True)
     console = Console()
     console = Console(width=max(console.width, _TABLE_WIDTH))
-    methods = [Method(name, "ours", Path(sys.executable)) for name in ours.NAMES]
-    if arguments.peers.exists():
-        methods += [Method(name, "peers", arguments.peers) for name in peers.NAMES]
-    else:
-        console.print(f"no peers: {arguments.peers} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
+    methods = methods_of(arguments.peers)
+    if arguments.peers is None and not arguments.quick:
+        console.print(f"no peers: {PEERS_PYTHON} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
     if arguments.methods:
         methods = [method for method in methods if method.name in arguments.methods]
     results: dict[str, dict[str, Summary]] = {}
@@ -107,18 +105,38 @@ def main() -> None:
         _save(results, file)
 
 
-def _arguments() -> argparse.Namespace:
+def methods_of(peers_python: Path | None) -> list[Method]:
+    """Ours, and those of other packages where an interpreter has them."""
+    ours_ = [Method(name, "ours", Path(sys.executable)) for name in ours.NAMES]
+    return ours_ + [Method(name, "peers", peers_python) for name in peers.NAMES if peers_python]
+
+
+def arguments_of(words: list[str] | None = None) -> argparse.Namespace:
+    """Of the command line; `peers` is None where the other packages are not run."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=20, help="runs per data set and method")
     parser.add_argument("--data", nargs="*", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--methods", nargs="*", help="only these; `bound` for the bound of Cramer and Rao")
-    parser.add_argument("--peers", type=Path, default=PEERS_PYTHON, help="interpreter that has the other packages")
+    parser.add_argument(
+        "--methods", nargs="*", choices=[*ours.NAMES, "bound", *peers.NAMES],
+        help="only these; `bound` for the bound of Cramer and Rao",
+    )  # fmt: skip
+    parser.add_argument(
+        "--peers", type=Path, help="interpreter that has the other packages, by default that of .venv-peers if it is "
+        "there; the smallest size runs them only where one is given",
+    )  # fmt: skip
     parser.add_argument("--limit", type=int, default=120, help="processor seconds after which a run counts as failed")
     parser.add_argument(
         "--patience", type=int, default=3, help="runs over the limit after which a method is given up on a data set"
     )
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
-    return parser.parse_args()
+    arguments = parser.parse_args(words)
+    if arguments.peers is None and not arguments.quick and PEERS_PYTHON.exists():
+        arguments.peers = PEERS_PYTHON
+    if arguments.peers is not None and not arguments.peers.exists():
+        parser.error(f"--peers: {arguments.peers} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
+    if arguments.peers is None and (lacking := set(arguments.methods or ()) & set(peers.NAMES)):
+        parser.error(f"{', '.join(sorted(lacking))}: of other packages; --peers names the interpreter that has them")
+    return arguments
 
 
 def _measure(data_set: str, methods: list[Method], seeds: int, size: Size, patience: int) -> dict[str, Summary]:
