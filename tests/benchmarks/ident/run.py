@@ -33,20 +33,18 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-import amb_core.identification
 from tests.benchmarks.ident import ours, peers, plant, real_data
 from tests.benchmarks.ident.bound import bound
 from tests.benchmarks.ident.cases import CASES
 from tests.benchmarks.ident.scores import innovation_ratio, score
+from tests.front_door.imports import closure
 from tests.front_door.results import results_file
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[2]
 PEERS_PYTHON = ROOT / ".venv-peers" / "bin" / "python"
 MEMORY_LIMIT = 8 * 1024**3  # bytes
-LIBRARY = Path(amb_core.identification.__file__).parent
 _TABLE_WIDTH = 180
-_SETS = ("cases.py", "linear_loop.py", "plant.py", "rotors.py", "scores.py", "worker.py")
 _NOT_DONE = "not done after"  # how the reason of a run begins that took too long
 COUNTED = ("unstable_poles_right", "closed_loop_stable")
 
@@ -179,10 +177,15 @@ def _scores(identified: dict[str, NDArray[np.float64]], data_set: str) -> dict[s
 
 @functools.cache
 def _version(module: str) -> str:
-    """Checksum of what decides the results of a module's methods: sources of the library, or versions of packages."""
-    sources = {"ours": sorted(LIBRARY.rglob("*.py")), "peers": [FOLDER / "peers.py", FOLDER / "peers.txt"]}[module]
-    sources += sorted(FOLDER / name for name in _SETS)
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    """Checksum of what decides the scores of a module's methods."""
+    return hashlib.sha256(b"".join((ROOT / name).read_bytes() for name in sorted(code_of(module)))).hexdigest()
+
+
+def code_of(module: str) -> set[str]:
+    """Files that decide the scores of a module's methods: data, methods and scores, with all that they import."""
+    names = [f"{name}.py" for name in (module, "cases", "real_data", "scores", "worker")]
+    names += ["peers.txt"] if module == "peers" else []
+    return closure(str((FOLDER / name).relative_to(ROOT)) for name in names)
 
 
 def _real(method: Method, path: Path, size: Size) -> Summary:
