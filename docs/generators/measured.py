@@ -4,7 +4,7 @@ A file holds figures, the tables made of them, date, commit, machine and command
 the code on which it depends. `python -m docs.generators.measured` (`make measured`) lists the files and what is stale;
 `... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code; `...
 confirm NAME --part TEXT` keeps that a part of them, measured again on this code, is the same. Comments and docstrings
-of Python are not code.
+of Python are not code, nor are pages.
 """
 
 from __future__ import annotations
@@ -34,6 +34,15 @@ AGES = {
     "unknown": "Whether the code on which they depend has changed since is not known here.",
 }
 Age = Literal["current", "stale", "unknown"]
+UNMOVED = {
+    "src/amb_core/amb_core/ground": "errors, declarations, files, cards and processes: they refuse, read, print, spread",
+    "src/amb_core/amb_core/report": "draws figures and pages",
+    "tests/front_door": "writes and checks files of results",
+    "tests/benchmarks/skipped.py": "a reason",
+    "tests/benchmarks/regions/spread.py": "spreads cases over processes",
+    **{str(path.relative_to(ROOT)): "declares keys of results" for path in ROOT.glob("tests/**/figures.py")},
+}
+"""Folders and files that move no figures, unless a file of figures names them as rooms; with the reason."""
 
 
 class Table(BaseModel):
@@ -79,8 +88,14 @@ class Measured(BaseModel):
         Whether it was that commit; otherwise that one or an earlier one.
     confirmed : Confirmation, optional
         The latest code on which a part was measured again and is the same.
+    programs : list of str
+        Files of the programs that measure, also of those that run as processes of their own: what they import is in the
+        rooms or apart.
     rooms : list of str
         Folders and files on which the figures depend.
+    apart : dict
+        Folders and files that the programs import or the rooms have, and that cannot move these figures, each with the
+        reason. Where rooms and these contain each other, the smaller counts. `UNMOVED` has those of all figures.
     results : str
         File below `results` that the command writes.
     part : str
@@ -101,7 +116,9 @@ class Measured(BaseModel):
     commit: str
     exact: bool
     confirmed: Confirmation | None = None
+    programs: list[str]
     rooms: list[str]
+    apart: dict[str, str] = {}
     results: str
     part: str = ""
     declared: str = ""
@@ -140,10 +157,20 @@ class Measured(BaseModel):
         exact = self.exact or self.confirmed is not None
         if _git("cat-file", "-e", f"{commit}^{{commit}}") != 0:
             return "unknown"
-        names = _output_of_git("diff", "--name-only", "--no-renames", commit, "--", *self.rooms).splitlines()
-        if any(_computes_otherwise(commit, name) for name in names):
+        if self.changed_since(commit):
             return "stale"
         return "current" if exact else "unknown"
+
+    def changed_since(self, commit: str) -> list[str]:
+        """Files on which the figures depend and that compute otherwise than those of a commit."""
+        names = _output_of_git("diff", "--name-only", "--no-renames", commit, "--", *self.rooms).splitlines()
+        return [name for name in names if self.is_moved_by(name) and _computes_otherwise(commit, name)]
+
+    def is_moved_by(self, name: str) -> bool | None:
+        """Whether a file can move the figures, by the smallest folder that has it; None if none is declared."""
+        declared = dict.fromkeys([*UNMOVED, *self.apart], False) | dict.fromkeys(self.rooms, True)
+        having = [place for place in declared if name == place or name.startswith(f"{place}/")]
+        return declared[max(having, key=len)] if having else None
 
 
 class _Cells(Formatter):
@@ -204,8 +231,10 @@ def _output_of_git(*arguments: str) -> str:
 
 
 def _computes_otherwise(commit: str, name: str) -> bool:
-    """Whether a file that differs from that of a commit differs in more than comments and docstrings of Python."""
+    """Whether a file that differs from that of a commit differs in more than comments and docstrings of Python, or text."""
     file = ROOT / name
+    if file.suffix == ".md":
+        return False
     if file.suffix != ".py" or not file.exists() or _git("cat-file", "-e", f"{commit}:{name}") != 0:
         return True
     return _statements(_output_of_git("show", f"{commit}:{name}")) != _statements(file.read_text())

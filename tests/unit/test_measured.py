@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +13,8 @@ import pytest
 from docs.generators import measured
 from docs.generators.measured import MARK, Measured, declaration_problems, load, names, pages, with_measured_tables
 from docs.generators.site import completed
-from tests.front_door.entries import PROGRAMS
+from tests.front_door.entries import PROGRAMS, TARGETS
+from tests.front_door.imports import closure
 
 ROOT = Path(__file__).parents[2]
 GIT = ("git", "-c", "user.name=nobody", "-c", "user.email=nobody@example.org")
@@ -31,11 +34,52 @@ def test_every_measured_table_is_shown_once() -> None:
 @pytest.mark.parametrize("name", names())
 def test_a_file_names_rooms_that_exist_and_figures_that_are_declared(name: str) -> None:
     measured = load(name)
-    assert measured.rooms and not [room for room in measured.rooms if not (ROOT / room).exists()]
+    assert measured.programs and measured.rooms
+    assert not [place for place in (*measured.programs, *measured.rooms, *measured.apart) if not (ROOT / place).exists()]
     assert measured.results in {"", *(program.results for program in PROGRAMS)}
     assert re.fullmatch("[0-9a-f]{40}", measured.commit)
     if measured.declared:
         assert declaration_problems(measured.declared, measured.figures, partial=not measured.exact) == []
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_the_programs_of_a_file_import_is_in_its_rooms_or_cannot_move_its_figures(name: str) -> None:
+    measured = load(name)
+    imported = closure(measured.programs, measured.is_moved_by)
+    unseen = [file for file in imported if measured.is_moved_by(file) is None and not is_empty(file)]
+    assert sorted(unseen) == [], "name them as rooms, or apart with a reason"
+
+
+@pytest.mark.parametrize("name", names())
+def test_what_is_apart_is_imported_and_has_a_reason(name: str) -> None:
+    measured = load(name)
+    imported = closure(measured.programs, measured.is_moved_by)
+    for place, reason in measured.apart.items():
+        assert reason
+        assert any(file == place or file.startswith(f"{place}/") for file in imported), place
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_programs_of_a_file_are_those_of_its_command(name: str) -> None:
+    measured = load(name)
+    for program in commanded(measured.command):
+        folder = program.rpartition("/")[0]
+        assert program in measured.programs or any(file.startswith(folder) for file in measured.programs), program
+
+
+def is_empty(file: str) -> bool:
+    """Whether a module has no more than a docstring."""
+    return file.endswith("__init__.py") and len(ast.parse((ROOT / file).read_text()).body) <= 1
+
+
+def commanded(command: str) -> Iterator[str]:
+    """Files of the programs that a command starts."""
+    for target in re.findall(r"make ([\w-]+)", command):
+        yield from (f"{module.replace('.', '/')}.py" for module in TARGETS[target])
+    for module in re.findall(r"python -m ([\w.]+)", command):
+        yield f"{module.replace('.', '/')}.py"
+    for words in re.findall(r"amb (\w+)", command):
+        yield f"src/amb_bringup/amb_bringup/commands/{words}.py"
 
 
 @pytest.fixture
@@ -48,7 +92,7 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measured:
     head = subprocess.run([*GIT, "rev-parse", "HEAD"], cwd=tmp_path, check=True, capture_output=True, text=True)
     tables = {"t": {"columns": ["what", ""], "rows": [["a", "{share!p:.0f} %"]]}}
     figures = Measured(
-        command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True, rooms=["room"],
+        command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True, programs=["room"], rooms=["room"],
         results="", figures={"share": 0.25}, tables=tables,
     )  # fmt: skip
     folder = tmp_path / "docs" / "measured"
@@ -79,6 +123,28 @@ def test_comments_and_docstrings_make_nothing_stale(checkout: Measured) -> None:
     assert of_module.age() == "stale"
     file.unlink()
     assert of_module.age() == "stale"
+
+
+def test_pages_and_what_is_apart_make_nothing_stale(checkout: Measured) -> None:
+    for name in ("read.md", "code.py", "printed.py"):
+        (measured.ROOT / "folder").mkdir(exist_ok=True)
+        (measured.ROOT / "folder" / name).write_text("")
+    subprocess.run([*GIT, "add", "folder"], cwd=measured.ROOT, check=True)
+    subprocess.run([*GIT, "commit", "-qm", "Folder"], cwd=measured.ROOT, check=True)
+    apart = {"folder/printed.py": "prints"}
+    of_folder = checkout.model_copy(update={"rooms": ["folder"], "apart": apart, "commit": "HEAD"})
+    (measured.ROOT / "folder" / "read.md").write_text("# A page")
+    (measured.ROOT / "folder" / "printed.py").write_text("print(1)")
+    assert of_folder.age() == "current"
+    (measured.ROOT / "folder" / "code.py").write_text("x = 1")
+    assert of_folder.age() == "stale"
+
+
+def test_a_room_within_what_is_apart_counts(checkout: Measured) -> None:
+    within = checkout.model_copy(update={"rooms": ["room", "a/b/c.py"], "apart": {"a": "prints"}})
+    assert within.is_moved_by("a/b/c.py") is True
+    assert within.is_moved_by("a/b/d.py") is False
+    assert within.is_moved_by("ab") is None
 
 
 def test_what_is_not_measured_is_a_dash(checkout: Measured) -> None:
