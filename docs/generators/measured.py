@@ -2,9 +2,10 @@
 
 A file holds figures, the tables made of them, date, commit, machine and command of the measurement, and the rooms of
 the code on which it depends. `python -m docs.generators.measured` (`make measured`) lists the files and what is stale;
-`... write` writes the tables into the pages; `... take NAME` takes figures of `results`, measured on this code; `...
-confirm NAME --part TEXT` keeps that a part of them, measured again on this code, is the same. Comments and docstrings
-of Python are not code, nor are pages.
+`... write` writes the tables into the pages; `... take NAME` takes figures of `results`, with the commit, date and
+machine that the program wrote beside them, unless the code on which they depend has changed since; `... confirm NAME
+--part TEXT` keeps that a part of them, measured again on this code, is the same. Comments and docstrings of Python are
+not code, nor are pages.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ import argparse
 import ast
 import importlib
 import json
-import os
-import platform
 import re
 import subprocess
 import sys
@@ -35,7 +34,7 @@ AGES = {
 }
 Age = Literal["current", "stale", "unknown"]
 UNMOVED = {
-    "src/amb_core/amb_core/ground": "errors, declarations, files, cards and processes: they refuse, read, print, spread",
+    "src/amb_core/amb_core/ground": "errors, declarations, files, cards, processes: it refuses, reads, prints, spreads",
     "src/amb_core/amb_core/report": "draws figures and pages",
     "tests/front_door": "writes and checks files of results",
     "tests/benchmarks/skipped.py": "a reason",
@@ -231,7 +230,7 @@ def _output_of_git(*arguments: str) -> str:
 
 
 def _computes_otherwise(commit: str, name: str) -> bool:
-    """Whether a file that differs from that of a commit differs in more than comments and docstrings of Python, or text."""
+    """Whether a file that differs from that of a commit computes otherwise; pages, comments and docstrings do not."""
     file = ROOT / name
     if file.suffix == ".md":
         return False
@@ -251,35 +250,66 @@ def _statements(text: str) -> str:
 
 
 def _take(name: str) -> None:
-    """Take the figures of `results`, measured on the code as it is committed now."""
+    """Take the figures of `results`, measured on code that computes as it is committed now."""
     measured = load(name)
     if not measured.declared:
         sys.exit(f"{name}: the cells of its tables hold the figures; write them, the commit and the date there by hand")
-    commit = _measured_commit(name, measured)
+    _refuse_uncommitted(name, measured)
     file = ROOT / "results" / measured.results
+    if not file.exists():
+        sys.exit(f"{name}: there is no {file}; run: {measured.command}")
     figures = json.loads(file.read_text())
     figures = figures[measured.part] if measured.part else figures
     wrong = declaration_problems(measured.declared, figures)
     if wrong:
         sys.exit(f"{file}: {'; '.join(wrong)}")
-    processor = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
-    described = f"{processor[1] if processor else platform.processor()}, {os.cpu_count()} cores"
-    changed = {"figures": figures, "date": str(date.fromtimestamp(file.stat().st_mtime)), "machine": described}
-    _keep(name, measured.model_copy(update=changed | {"commit": commit, "exact": True, "confirmed": None}))
+    origin = _origin(name, measured, file)
+    _keep(name, measured.model_copy(update={"figures": figures, **origin, "exact": True, "confirmed": None}))
+
+
+def _origin(name: str, measured: Measured, file: Path) -> dict[str, str]:
+    """Commit, date and machine of figures; ends unless all of them were measured on code that computes as it is now."""
+    from tests.front_door.results import stamps_of, unstamped
+
+    unknown = [key for key in unstamped(file) if measured.part in ("", key)]
+    if unknown:
+        sys.exit(f"{name}: {file} does not name the code on which {', '.join(unknown)} was measured; measure it again")
+    stamps = {
+        part: stamp
+        for part, stamp in stamps_of(file).items()
+        if not measured.part or any(place[0] == measured.part for place in stamp.wrote)
+    }
+    for part, stamp in stamps.items():
+        what = f"{name}: part {part} of {file.name} was measured"
+        if not stamp.commit:
+            sys.exit(f"{what} outside of a checkout of git; measure it again in one")
+        if _git("cat-file", "-e", f"{stamp.commit}^{{commit}}") != 0:
+            sys.exit(f"{what} at commit {stamp.commit[:7]}, which is not known here; measure it again")
+        if differed := [place for place in stamp.changed if measured.is_moved_by(place)]:
+            sys.exit(f"{what} while {', '.join(differed)} differed from commit {stamp.commit[:7]}; measure it again")
+        if changed := measured.changed_since(stamp.commit):
+            sys.exit(f"{what} at commit {stamp.commit[:7]}, and {', '.join(changed)} changed since; measure it again")
+    oldest = min(stamps.values(), key=lambda stamp: int(_output_of_git("show", "-s", "--format=%ct", stamp.commit)))
+    return {
+        "commit": oldest.commit,
+        "date": ", ".join(sorted({stamp.date for stamp in stamps.values()})),
+        "machine": "; ".join(sorted({stamp.machine for stamp in stamps.values()})),
+    }
 
 
 def _confirm(name: str, part: str) -> None:
     """Keep that a part was measured again on the code as it is committed now, and is the same."""
     measured = load(name)
-    again = Confirmation(part=part, commit=_measured_commit(name, measured), date=str(date.today()))
+    _refuse_uncommitted(name, measured)
+    commit = _output_of_git("rev-parse", "HEAD").strip()
+    again = Confirmation(part=part, commit=commit, date=str(date.today()))
     _keep(name, measured.model_copy(update={"confirmed": again}))
 
 
-def _measured_commit(name: str, measured: Measured) -> str:
-    """The commit of this checkout; ends if the rooms are not as committed."""
-    if _git("diff", "--quiet", "HEAD", "--", *measured.rooms) != 0:
-        sys.exit(f"{name}: {', '.join(measured.rooms)} have changes that are not committed; commit, measure, then take")
-    return _output_of_git("rev-parse", "HEAD").strip()
+def _refuse_uncommitted(name: str, measured: Measured) -> None:
+    """End if code on which figures depend is not as committed."""
+    if changed := measured.changed_since("HEAD"):
+        sys.exit(f"{name}: {', '.join(changed)} has changes that are not committed; commit, measure, then take")
 
 
 def _keep(name: str, measured: Measured) -> None:

@@ -1,17 +1,15 @@
 """Speed of plant and loop: runs every benchmark, prints a table and writes results/bench.json.
 
 Timings depend on the machine and on what else it does; compare ratios of one run, and runs on one machine.
-Keys of earlier runs that this run does not measure are kept.
+What cannot be measured here keeps the figures of earlier runs, with their commit in results/bench.measured.json.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 from collections.abc import Callable
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -28,7 +26,7 @@ from tests.benchmarks import (
     region_monitor,
 )
 from tests.benchmarks.skipped import Skipped
-from tests.front_door.results import ROOT, results_file
+from tests.front_door.results import ROOT, Results, processor
 
 Measure = Callable[..., dict[str, float | bool]]
 BENCHMARKS: dict[str, list[tuple[Measure, dict[str, float]]]] = {
@@ -54,9 +52,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     quick = parser.parse_args().quick
-    file = results_file("bench.json", quick)
+    results = Results("bench.json", quick)
     console = Console()
-    results = json.loads(file.read_text()) if file.exists() else {}
     table = Table("benchmark", "value", title="make bench")
     for name, measures in BENCHMARKS.items():
         values: dict[str, float | bool] = {}
@@ -65,28 +62,17 @@ def main() -> None:
                 for measure, smallest in measures:
                     values |= measure(**smallest if quick else {})
         except Skipped as reason:
-            results.setdefault(name, {})["skipped"] = str(reason)
+            results.skip(name, str(reason))
             table.add_row(name, f"not measured: {reason}")
             continue
-        results.get(name, {}).pop("skipped", None)
-        results.setdefault(name, {}).update(values)
+        results.keep(name, {name: values})
         for key, value in values.items():
             table.add_row(f"{name}.{key}", f"{value:.4g}" if isinstance(value, float) else str(value))
-    results["machine"] = {
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-    }
-    file.write_text(json.dumps(results, indent=2) + "\n")
+    machine = {"processor": processor(), "cores": os.cpu_count(), "python": platform.python_version()}
+    results.keep("machine", {"machine": machine})
+    results.drop_others([*BENCHMARKS, "machine"])
     console.print(table)
-    console.print(f"written to {file.relative_to(ROOT)}")
-
-
-def _processor() -> str:
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.processor()
+    console.print(f"written to {results.file.relative_to(ROOT)}")
 
 
 if __name__ == "__main__":

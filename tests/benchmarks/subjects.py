@@ -1,6 +1,6 @@
 """A program of several subjects, each a module with `measure() -> dict`: what such programs share.
 
-Prints a table and writes a file of results, each subject as soon as it is measured; keys of earlier runs that a run
+Prints a table and writes a file of results, each subject as soon as it is measured; subjects of earlier runs that a run
 does not measure are kept.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import json
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +15,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from tests.front_door.results import ROOT, results_file
+from tests.front_door.results import ROOT, Results
 
 _SHOWN = 12  # figures of a subject in the table
 
@@ -39,16 +38,17 @@ def run_subjects(package: str, subjects: Mapping[str, Mapping[str, Any]], result
     parser.add_argument("subjects", nargs="*", choices=[*subjects, []], help="subjects to measure; default: all")
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     arguments = parser.parse_args()
-    file, console = results_file(results, arguments.quick), Console()
-    measured = json.loads(file.read_text()) if file.exists() else {}
-    table = Table("subject", "figures", "seconds", title=file.stem)
+    measured, console = Results(results, arguments.quick), Console()
+    table = Table("subject", "figures", "seconds", title=measured.file.stem)
     for name in arguments.subjects or subjects:
         began = time.monotonic()
         with console.status(f"measuring {name}"):
             measure = importlib.import_module(f"{package}.{name}").measure
-            measured[name] = measure(**subjects[name] if arguments.quick else {})
-        file.write_text(json.dumps(measured, indent=2) + "\n")
-        figures = [f"{key} {value}" for key, value in measured[name].items() if not isinstance(value, dict | list)]
+            values = measure(**subjects[name] if arguments.quick else {})
+        measured.keep(name, {name: values})
+        figures = [f"{key} {value}" for key, value in values.items() if not isinstance(value, dict | list)]
         table.add_row(name, ", ".join(figures[:_SHOWN]), f"{time.monotonic() - began:.0f}")
+    if not arguments.subjects:
+        measured.drop_others(subjects)
     console.print(table)
-    console.print(f"written to {file.relative_to(ROOT)}")
+    console.print(f"written to {measured.file.relative_to(ROOT)}")

@@ -10,7 +10,6 @@ Prints a table and writes results/bench_uncertainty.json.
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,7 +24,7 @@ from tests.benchmarks.ident.cases import CASES
 from tests.benchmarks.ident.plant import SAMPLE_TIME, STEPS
 from tests.benchmarks.regions.spread import spread
 from tests.front_door.figures import Figures
-from tests.front_door.results import ROOT, results_file
+from tests.front_door.results import ROOT, Results
 
 FREQUENCIES = np.geomspace(5.0, 1_000.0, 400)  # Hz
 LEVEL = 0.99
@@ -83,14 +82,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     quick = parser.parse_args().quick
-    console, results = Console(), {}
+    console, results = Console(), Results("bench_uncertainty.json", quick)
     table = Table(
         "data", "runs", "unstable poles", "magnitude", "phase", "within 99 %", title="stated / found deviation"
     )
     for name, runs in RUNS.items():
         with console.status(f"identifying {name}"):
             found = measure(name, 2 if quick else runs, 8_000 if quick else STEPS)
-        results[name] = found.model_dump()
+        results.keep(name, {name: found.model_dump()})
         shares = found.within
         table.add_row(
             name,
@@ -100,10 +99,9 @@ def main() -> None:
             _cell(found.phase),
             f"{shares.magnitude:.1%}, {shares.phase:.1%}, poles {shares.poles:.1%}",
         )
-    file = results_file("bench_uncertainty.json", quick)
-    file.write_text(json.dumps(results, indent=2) + "\n")
+    results.drop_others(RUNS)
     console.print(table)
-    console.print(f"written to {file.relative_to(ROOT)}")
+    console.print(f"written to {results.file.relative_to(ROOT)}")
 
 
 def measure(name: str, runs: int, steps: int = STEPS) -> DataSet:

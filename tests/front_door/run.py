@@ -23,9 +23,10 @@ from typing import Any
 
 from domain_coordinator import domain_id
 
+from docs.generators.measured import load, names
 from tests.front_door.entries import PROGRAMS, Program
 from tests.front_door.figures import problems
-from tests.front_door.results import ROOT, results_file
+from tests.front_door.results import ROOT, results_file, stamps_file, unstamped
 
 AT_A_TIME = 3
 LINES = 60  # of the output of a program that fails, which are shown at the end
@@ -65,9 +66,10 @@ def run_program(program: Program) -> Outcome:
 
 
 def run_file(programs: list[Program]) -> dict[str, Outcome]:
-    """Run the programs of one file of results, one after the other, and check its keys."""
+    """Run the programs of one file of results, one after the other, and check its keys and that their code is named."""
     file = results_file(programs[0].results, quick=True)
-    file.unlink(missing_ok=True)
+    for old in (file, stamps_file(file)):
+        old.unlink(missing_ok=True)
     outcomes = {program.module: run_program(program) for program in programs}
     last = outcomes[programs[-1].module]
     module, _, name = programs[-1].figures.partition(":")
@@ -79,6 +81,8 @@ def run_file(programs: list[Program]) -> dict[str, Outcome]:
         last.problems += [
             f"{file.name}: {text}" for text in problems(getattr(importlib.import_module(module), name), results)
         ]
+        if file.name in {load(name).results for name in names()} and (unknown := unstamped(file)):
+            last.problems.append(f"{file.name}: the code on which {', '.join(unknown)} was measured is not named")
         last.skipped += [f"{key}: {reason}" for key, reason in _skipped(results)]
     return outcomes
 

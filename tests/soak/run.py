@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.front_door.results import results_file
+from tests.front_door.results import Results, results_file
 from tests.fuzz import target
 from tests.soak import board_model, commissioning, conformance, parts, recovery, safety, same, trips
 
@@ -64,7 +64,7 @@ def main() -> int:
     options.add_argument("--runs", type=int, help="most rigs of the part commissioning in this call; the next resumes")
     given = options.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # nodes are stopped then, too
-    file = results_file("soak.json", given.quick)
+    results = Results("soak.json", given.quick)
     with tempfile.TemporaryDirectory(prefix="amb_soak") as name:
         folder = Path(name)
         failed = 0
@@ -81,18 +81,11 @@ def main() -> int:
             except Exception:
                 traceback.print_exc()
                 figures, failed = {f"{part}_failed": traceback.format_exc(limit=1)}, 1
-            _write(figures, f"{part}_failed", file)
+            results.keep(part, figures)
             print(f"{part}, {time.monotonic() - began:.0f} s: {json.dumps(figures)}", flush=True)
+    if not given.parts:
+        results.drop_others(PARTS)
     return failed
-
-
-def _write(figures: dict[str, Any], failure: str, file: Path) -> None:
-    """Add figures to the results; parts that were run before stay, but for a failure that is mended."""
-    known: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
-    known.pop(failure, None)
-    for key, value in figures.items():
-        known[key] = {**known.get(key, {}), **value} if isinstance(value, dict) else value
-    file.write_text(json.dumps(known, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ OURS = {
     "seconds": 1.8, "peak_mb": 245.0, "innovation_ratio": 1.0, "runs": 20, "unstable_poles_right": 20,
     "closed_loop_stable": 20, "failures": 0,
 }  # fmt: skip
-BOUND = {name: 1.0 for name in ("fit_squares", "fit_multisine", "frf_max_percent", "frf_below_500_percent")}
+BOUND = dict.fromkeys(("fit_squares", "fit_multisine", "frf_max_percent", "frf_below_500_percent"), 1.0)
 SETS = ("squares", "multisine", "squares_noise10", "rotor4", "siso")
 GOOD = {name: value for name, value in OURS.items() if name != "innovation_ratio"}
 FAILED = {"runs": 20, "failures": 20, "reason": "SVD did not converge"}

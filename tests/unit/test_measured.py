@@ -35,7 +35,9 @@ def test_every_measured_table_is_shown_once() -> None:
 def test_a_file_names_rooms_that_exist_and_figures_that_are_declared(name: str) -> None:
     measured = load(name)
     assert measured.programs and measured.rooms
-    assert not [place for place in (*measured.programs, *measured.rooms, *measured.apart) if not (ROOT / place).exists()]
+    assert not [
+        place for place in (*measured.programs, *measured.rooms, *measured.apart) if not (ROOT / place).exists()
+    ]
     assert measured.results in {"", *(program.results for program in PROGRAMS)}
     assert re.fullmatch("[0-9a-f]{40}", measured.commit)
     if measured.declared:
@@ -92,8 +94,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Measured:
     head = subprocess.run([*GIT, "rev-parse", "HEAD"], cwd=tmp_path, check=True, capture_output=True, text=True)
     tables = {"t": {"columns": ["what", ""], "rows": [["a", "{share!p:.0f} %"]]}}
     figures = Measured(
-        command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True, programs=["room"], rooms=["room"],
-        results="", figures={"share": 0.25}, tables=tables,
+        command="make bench", machine="", date="2026-01-01", commit=head.stdout.strip(), exact=True,
+        programs=["room"], rooms=["room"], results="", figures={"share": 0.25}, tables=tables,
     )  # fmt: skip
     folder = tmp_path / "docs" / "measured"
     folder.mkdir(parents=True)

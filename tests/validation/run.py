@@ -6,7 +6,6 @@ Ends with exit code 1 if a deviation is above its limit.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +14,7 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.table import Table
 
-from tests.front_door.results import ROOT, results_file
+from tests.front_door.results import ROOT, Results
 from tests.validation import dynamics, eddy, independent, iron, laminations, paper, rotors, statics
 from tests.validation.row import Row
 
@@ -40,7 +39,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     quick = parser.parse_args().quick
-    file = results_file("validation.json", quick)
+    results = Results("validation.json", quick)
     console = Console()
     rows: list[Row] = []
     for number, (name, (check, count, smallest)) in enumerate(CHECKS.items(), start=1):
@@ -51,9 +50,9 @@ def main() -> int:
             raise RuntimeError(f"{name} has {len(checked)} rows; declared: {count}")
         rows += checked
         console.print(f"{number}/{len(CHECKS)} {name}: {time.perf_counter() - started:.1f} s")
-    file.write_text(json.dumps([asdict(row) | {"ok": row.ok} for row in rows], indent=2) + "\n")
+    results.keep_all([asdict(row) | {"ok": row.ok} for row in rows])
     console.print(_table(rows))
-    console.print(f"written to {file.relative_to(ROOT)}")
+    console.print(f"written to {results.file.relative_to(ROOT)}")
     return 0 if all(row.ok for row in rows) else 1
 
 

@@ -21,7 +21,7 @@ import json
 from typing import Any
 
 from tests.benchmarks.skipped import Skipped
-from tests.front_door.results import results_file
+from tests.front_door.results import Results, results_file
 
 FOLDER = "tests.benchmarks.first_hour"
 PARTS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -46,16 +46,19 @@ def main() -> None:
     )
     arguments.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = arguments.parse_args()
-    file = results_file("first_hour.json", chosen.quick)
-    figures: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {}
+    results = Results("first_hour.json", chosen.quick)
     for part in chosen.parts or PARTS:
         module, smallest = PARTS[part]
         try:
-            figures[part] = importlib.import_module(f"{FOLDER}.{module}").measure(**smallest if chosen.quick else {})
+            figures = importlib.import_module(f"{FOLDER}.{module}").measure(**smallest if chosen.quick else {})
         except Skipped as reason:
-            figures[part] = {"skipped": str(reason)}
-        print(f"{part}: {json.dumps(figures[part])}", flush=True)
-        file.write_text(json.dumps(figures, indent=2) + "\n")
+            results.skip(part, str(reason))
+            print(f"{part}: not measured: {reason}", flush=True)
+            continue
+        results.keep(part, {part: figures})
+        print(f"{part}: {json.dumps(figures)}", flush=True)
+    if not chosen.parts:
+        results.drop_others(PARTS)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
 """Accuracy, time and memory of identification, next to other packages, on a known unstable bearing in closed loop.
 
 Every identification runs in a process of its own with one BLAS thread. Those of other packages run with the interpreter
-of an environment in which peers.txt is installed; without it, and in the smallest size, they are left out. Finished runs are kept in
-results/bench_ident and not repeated as long as code and packages are the same. Prints a table per data set and writes
-results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that gave a model, and
-counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no unbiased method can
-beat.
+of an environment in which peers.txt is installed; without it, and in the smallest size, they are left out. Finished
+runs are kept in results/bench_ident and not repeated as long as code and packages are the same. Prints a table per data
+set and writes results/bench_ident.json: medians of the scores (see `scores`), seconds and peak_mb over the runs that
+gave a model, and counts of runs, unstable_poles_right, closed_loop_stable and failures. The row `bound` is what no
+unbiased method can beat.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from tests.benchmarks.ident.bound import bound
 from tests.benchmarks.ident.cases import CASES
 from tests.benchmarks.ident.scores import innovation_ratio, score
 from tests.front_door.imports import closure
-from tests.front_door.results import results_file
+from tests.front_door.results import Results
 
 FOLDER = Path(__file__).parent
 ROOT = FOLDER.parents[2]
@@ -77,8 +77,8 @@ class Method:
 def main() -> None:
     """Measure and report."""
     arguments = arguments_of()
-    file = results_file("bench_ident.json", arguments.quick)
-    size = Size(file.with_suffix(""), **SMALLEST if arguments.quick else {"limit": arguments.limit})
+    kept = Results("bench_ident.json", arguments.quick)
+    size = Size(kept.file.with_suffix(""), **SMALLEST if arguments.quick else {"limit": arguments.limit})
     if arguments.quick:
         shutil.rmtree(size.folder, ignore_errors=True)
     console = Console()
@@ -88,19 +88,19 @@ def main() -> None:
         console.print(f"no peers: {PEERS_PYTHON} does not exist; make it a venv with {FOLDER / 'peers.txt'}")
     if arguments.methods:
         methods = [method for method in methods if method.name in arguments.methods]
-    results: dict[str, dict[str, Summary]] = {}
     for data_set in arguments.data:
-        results[data_set] = _measure(
-            data_set, methods, 1 if arguments.quick else arguments.seeds, size, arguments.patience
-        )
+        results = _measure(data_set, methods, 1 if arguments.quick else arguments.seeds, size, arguments.patience)
         if not arguments.methods or "bound" in arguments.methods:
-            results[data_set]["bound"] = dict(bound(data_set, size.steps))
-        console.print(_table(data_set, results[data_set]))
-        _save(results, file)
+            results["bound"] = dict(bound(data_set, size.steps))
+        console.print(_table(data_set, results))
+        _keep(kept, data_set, results)
     if (path := real_data.find(ROOT)) is not None:
-        results["cd_player"] = {method.name: _real(method, path, size) for method in methods}
-        console.print(_table("cd_player", results["cd_player"]))
-        _save(results, file)
+        results = {method.name: _real(method, path, size) for method in methods}
+        console.print(_table("cd_player", results))
+        _keep(kept, "cd_player", results)
+    if not arguments.methods and set(arguments.data) == set(CASES):
+        names = [*ours.NAMES, *peers.NAMES, "bound"]
+        kept.drop_others(_part(data_set, name) for data_set in (*CASES, "cd_player") for name in names)
 
 
 def methods_of(peers_python: Path | None) -> list[Method]:
@@ -254,11 +254,14 @@ def _cell(value: float | str | None) -> str:
     return "diverges" if value is None else value if isinstance(value, str) else f"{value:.5g}"
 
 
-def _save(results: dict[str, dict[str, Summary]], file: Path) -> None:
-    """Write the results; methods and data sets of earlier runs that this run does not measure are kept."""
-    kept = json.loads(file.read_text()) if file.exists() else {}
-    merged = kept | {data_set: kept.get(data_set, {}) | methods for data_set, methods in results.items()}
-    file.write_text(json.dumps(merged, indent=2) + "\n")
+def _keep(kept: Results, data_set: str, results: dict[str, Summary]) -> None:
+    """Write the results of a data set, each method a part; those of other methods and data sets stay."""
+    for method, summary in results.items():
+        kept.keep(_part(data_set, method), {data_set: {method: summary}})
+
+
+def _part(data_set: str, method: str) -> str:
+    return f"{data_set}, {method}"
 
 
 if __name__ == "__main__":

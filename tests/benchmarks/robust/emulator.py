@@ -21,7 +21,7 @@ from amb_core.robustness import SweepSettings, feedback_of, measured_sensitivity
 from tests.benchmarks.robust.records import Size
 from tests.benchmarks.robust.run import SMALLEST
 from tests.benchmarks.robust.swept import AMPLITUDE, IDENTIFICATION, compared
-from tests.front_door.results import results_file
+from tests.front_door.results import Results
 from tests.graph.rig import free_port
 
 SLOW = """
@@ -43,8 +43,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     quick = parser.parse_args().quick
-    path = results_file("bench_robust.json", quick)
-    size = replace(Size(path.with_suffix("")), **SMALLEST if quick else {})
+    results = Results("bench_robust.json", quick)
+    size = replace(Size(results.file.with_suffix("")), **SMALLEST if quick else {})
     with tempfile.TemporaryDirectory() as folder:
         parameters = Path(folder) / "slow.yaml"
         parameters.write_text(slow_rig(free_port()))
@@ -59,9 +59,7 @@ def main() -> None:
     kept = measured.comparable()
     differences = compared(measured.difference_db(feedback_of(model, used.controller)), measured.frequency[kept])
     differences["coherence"] = float(measured.coherence[kept].min())
-    results = json.loads(path.read_text()) if path.exists() else {}
-    results.setdefault("swept", {})["emulator"] = differences
-    path.write_text(json.dumps(results, indent=2) + "\n")
+    results.keep("emulator", {"swept": {"emulator": differences}})
     print(json.dumps(differences))
 
 

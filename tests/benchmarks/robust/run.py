@@ -37,7 +37,7 @@ from tests.benchmarks.robust.misfit import demo, misfit, over_refusal
 from tests.benchmarks.robust.monte_carlo import Bearing, Rotor, coverage, multisine, rotor4, rotor_controller
 from tests.benchmarks.robust.records import Size, records, say
 from tests.benchmarks.robust.swept import swept
-from tests.front_door.results import results_file
+from tests.front_door.results import Results
 
 GRID = np.geomspace(0.5, 4_999.0, 300)
 SMALLEST: dict[str, Any] = {
@@ -225,19 +225,17 @@ def main() -> None:
     parser.add_argument("--parts", nargs="*", default=list(PARTS), choices=list(PARTS))
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = parser.parse_args()
-    path = results_file("bench_robust.json", chosen.quick)
-    size = Size(path.with_suffix(""), chosen.runs)
+    results = Results("bench_robust.json", chosen.quick)
+    size = Size(results.file.with_suffix(""), chosen.runs)
     if chosen.quick:
         size = replace(size, **SMALLEST)
         shutil.rmtree(size.folder, ignore_errors=True)
-    results = json.loads(path.read_text()) if path.exists() else {}
     for name in chosen.parts:
         figures = PARTS[name](size)
-        if name == "swept" and "emulator" in results.get(name, {}):  # which `emulator.py` measures
-            figures["emulator"] = results[name]["emulator"]
-        results[name] = figures
-        path.write_text(json.dumps(results, indent=2) + "\n")
-        say(f"{name}: {json.dumps(results[name])}")
+        results.keep(name, {name: figures})
+        say(f"{name}: {json.dumps(figures)}")
+    if set(chosen.parts) == set(PARTS):
+        results.drop_others([*PARTS, "emulator"])  # which `emulator.py` measures
 
 
 def _coverage(size: Size) -> dict[str, object]:

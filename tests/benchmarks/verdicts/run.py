@@ -13,7 +13,7 @@ from typing import Any
 from tests.benchmarks.verdicts import after_stop, bad_data, controllers, coverage, distortion
 from tests.benchmarks.verdicts.models import true_models, wrong_models
 from tests.benchmarks.verdicts.size import SMALLEST, Size
-from tests.front_door.results import results_file
+from tests.front_door.results import Results
 
 PARTS: dict[str, Callable[[Size], dict[str, Any]]] = {
     "true": true_models,
@@ -39,12 +39,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="smallest sizes, into results/quick")
     chosen = parser.parse_args()
     size = SMALLEST if chosen.quick else Size(chosen.models)
-    path = results_file("bench_verdicts.json", chosen.quick)
-    results = json.loads(path.read_text()) if path.exists() else {}
+    results = Results("bench_verdicts.json", chosen.quick)
     for name in chosen.parts:
-        results[name] = PARTS[name](size)
-        path.write_text(json.dumps(results, indent=2) + "\n")
-        print(f"{name}: {json.dumps(results[name])}", flush=True)
+        figures = PARTS[name](size)
+        results.keep(name, {name: figures})
+        print(f"{name}: {json.dumps(figures)}", flush=True)
+    if set(chosen.parts) == set(PARTS):
+        results.drop_others(PARTS)
 
 
 if __name__ == "__main__":
