@@ -22,9 +22,11 @@ class Program:
     figures : str
         MODULE:CLASS that declares all keys of that file.
     parts : tuple of str
-        Modules beside it that can be started by themselves, or have a `measure` or `rows` that it calls.
+        Modules beside it that measure, or can be started by themselves.
     seconds : float
         Duration of the quick form on two processors, about; the longest starts first.
+    shared : tuple of str
+        Other modules beside it, which parts share.
     """
 
     module: str
@@ -32,6 +34,7 @@ class Program:
     figures: str
     parts: tuple[str, ...] = ()
     seconds: float = 10.0
+    shared: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ PROGRAMS = (
         ("averaged_plant", "c_kernel", "composed", "first_call", "lockstep", "peer_ross", "plant", "pong", "region_map",
          "region_monitor"),
         47.0,
+        ("skipped", "subjects"),
     ),
     Program(
         "tests.benchmarks.regions.run",
@@ -68,13 +72,15 @@ PROGRAMS = (
         ("constant_line", "constant_line_drift", "dead_time", "design", "drift_identification", "lamination",
          "light_damping", "paper_sweeps", "planted", "slow_line", "turning_map"),
         55.0,
+        ("drift_cases", "spread"),
     ),
     Program(
         "tests.benchmarks.ident.run",
         "bench_ident.json",
         "tests.benchmarks.ident.figures:BenchIdent",
-        ("bound", "worker"),
+        ("bound", "ours", "peers", "real_data", "worker"),
         56.0,
+        ("cases", "linear_loop", "plant", "rotors", "scores"),
     ),
     Program(
         "tests.benchmarks.uncertainty",
@@ -89,22 +95,27 @@ PROGRAMS = (
         ("distortion", "excitation", "identification", "map_lines", "map_rates", "plant", "region_maps",
          "subharmonics"),
         52.0,
+        ("excitation_trials", "subharmonics_cases"),
     ),
     Program(
         "tests.benchmarks.first_hour.run",
         "first_hour.json",
         "tests.benchmarks.first_hour.figures:FirstHour",
-        ("files", "live_page", "new", "pages", "player", "tutorial", "wishes"),
+        ("files", "live_page", "new", "pages", "tutorial", "wishes"),
         62.0,
+        ("player",),
     ),
     Program(
         "tests.benchmarks.robust.run", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
-        seconds=56.0,
+        ("again", "hidden_modes", "misfit", "monte_carlo", "swept"),
+        56.0,
+        ("loops", "misfit_plants", "misfit_simulated", "records"),
     ),
     Program(
         "tests.benchmarks.verdicts.run", "bench_verdicts.json", "tests.benchmarks.verdicts.figures:BenchVerdicts",
-        ("after_stop", "bad_data", "controllers", "coverage", "distortion"),
+        ("after_stop", "bad_data", "controllers", "coverage", "distortion", "models"),
         46.0,
+        ("alone", "bearings", "drawn_loops", "size"),
     ),
     Program(
         "tests.benchmarks.robust.emulator", "bench_robust.json", "tests.benchmarks.robust.figures:BenchRobust",
@@ -114,13 +125,31 @@ PROGRAMS = (
         "tests.validation.run",
         "validation.json",
         "tests.validation.figures:Validation",
-        ("eddy", "independent", "iron", "laminations", "paper", "rotors", "statics"),
+        ("dynamics", "eddy", "independent", "iron", "laminations", "paper", "rotors", "statics"),
         11.0,
+        ("energy", "implicit_iron", "implicit_plant", "row"),
     ),
-    Program("tests.soak.run", "soak.json", "tests.soak.figures:Soak", ("board", "board_model"), 154.0),
-    Program("tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", seconds=16.0),
+    Program(
+        "tests.soak.run",
+        "soak.json",
+        "tests.soak.figures:Soak",
+        ("board", "board_model", "commissioning", "conformance", "parts", "recovery", "safety", "same", "trips"),
+        154.0,
+        ("on_path", "session", "tap"),
+    ),
+    Program(
+        "tests.fuzz.run", "fuzz.json", "tests.fuzz.figures:Fuzz", ("campaign",), 16.0,
+        ("attacked_graph", "hostile", "targets"),
+    ),
     Program("tests.fuzz.target", "target_fuzz.json", "tests.fuzz.figures:TargetFuzz", seconds=4.0),
-    Program("tests.fuzz.files", "security.json", "tests.fuzz.figures:Security", seconds=32.0),
+    Program(
+        "tests.fuzz.files",
+        "security.json",
+        "tests.fuzz.figures:Security",
+        ("crafted_files", "pages", "peers"),
+        32.0,
+        ("crafted", "crafted_bags", "crafted_tables"),
+    ),
     Program("tests.stress_leaving", "leaving.json", "tests.stress_leaving:Leaving", seconds=17.0),
     Program("tests.stress", "stress.json", "tests.stress:Stress", seconds=31.0),
     Program(

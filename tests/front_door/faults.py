@@ -87,8 +87,12 @@ FAULTS = (
         '    "planet": ("tune:app", "Suggest PD gains."),\n    "plant": (', LIST, "test_every_command_is_listed",
     ),
     Fault(
-        "a part is not on the list", "tests/benchmarks/skipped.py", "class Skipped",
-        "def measure():\n    return {}\n\n\nclass Skipped", LIST, "test_every_program_and_every_part_of_one_is_listed",
+        "a part is not on the list", "tests/front_door/entries.py", '"recovery", ', "", LIST,
+        "test_every_module_beside_a_program_is_listed",
+    ),
+    Fault(
+        "a function of a part is not called", "tests/soak/parts.py", "def _patiently",
+        "def heat_up(folder):\n    return {}\n\n\ndef _patiently", LIST, "test_every_function_of_a_part_is_called",
     ),
     Fault(
         "a target starts another program than listed", "Makefile", "python -m tests.validation.run",

@@ -15,14 +15,15 @@ import pytest
 from docs.generators.commands import commands
 from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
 from tests.front_door.commands import name_of, steps
-from tests.front_door.entries import COMMANDS_ELSEWHERE, PAGES, PROGRAMS, TARGETS, Covered, Left
+from tests.front_door.entries import COMMANDS_ELSEWHERE, PAGES, PROGRAMS, TARGETS, Covered, Left, Program
 from tests.front_door.figures import Figures, problems
+from tests.front_door.imports import closure
 from tests.front_door.run import files_of
 
 ROOT = Path(__file__).parents[2]
 MAKEFILE = (ROOT / "Makefile").read_text()
 CODE = re.compile(r"^```(?:bash|python|\{code-cell\} python)$", re.MULTILINE)
-FOLDERS = ("benchmarks", "validation", "soak", "fuzz", "front_door")
+FOLDERS = ("benchmarks", "validation", "soak", "fuzz")
 OURS = {"tests.front_door.run", "tests.front_door.faults", "tests.target_rig"}
 """What runs the list, what proves it, and what writes the data of a test."""
 LISTS = "list it in tests/front_door/entries.py"
@@ -105,29 +106,86 @@ def test_a_program_that_adds_to_a_file_runs_with_those_that_write_the_rest_of_it
     ]
 
 
-def test_every_program_and_every_part_of_one_is_listed() -> None:
-    listed = MODULES | {f"{program.module.rpartition('.')[0]}.{part}" for program in PROGRAMS for part in program.parts}
-    assert set(startable()) - OURS == listed, LISTS
+def test_every_program_is_listed() -> None:
+    assert set(startable()) - OURS <= listed(), LISTS
+
+
+def test_every_module_beside_a_program_is_listed() -> None:
+    beside = {module_of(path) for folder in FOLDERS for path in (ROOT / "tests" / folder).glob("**/*.py")}
+    declarations = {program.figures.partition(":")[0] for program in PROGRAMS}
+    assert {name for name in beside if not name.rpartition(".")[2].startswith("test_")} - declarations == {
+        name for name in listed() if name.split(".")[1] in FOLDERS
+    } - declarations, LISTS
+
+
+def test_every_module_that_is_listed_is_run() -> None:
+    assert sorted(listed() - {module_of(ROOT / file) for file in run_through()}) == []
+
+
+def test_every_function_of_a_part_is_called() -> None:
+    """A part that its program lacks would be one that is not."""
+    texts = [path.read_text() for path in (ROOT / "tests").glob("**/*.py")]
+    called = {name for text in texts for name in names_in(ast.parse(text))}
+    for program in PROGRAMS:
+        for module in {program.module, *beside(program)}:
+            tree = ast.parse(ROOT.joinpath(*module.split(".")).with_suffix(".py").read_text())
+            functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef) and node.name[0] != "_"}
+            assert functions - called == set(), module
+
+
+def beside(program: Program) -> set[str]:
+    """Modules beside a program that are listed with it."""
+    return {f"{program.module.rpartition('.')[0]}.{name}" for name in (*program.parts, *program.shared)}
+
+
+def listed() -> set[str]:
+    """All modules that are listed."""
+    return MODULES.union(*(beside(program) for program in PROGRAMS))
+
+
+def module_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
 
 
 def startable() -> Iterator[str]:
-    """Modules that can be started, or that have the `measure` or `rows` of a part."""
-    for path in [
-        path for folder in ("", *FOLDERS) for path in (ROOT / "tests" / folder).glob("**/*.py" if folder else "*.py")
+    """Modules that can be started."""
+    for path in [path for folder in ("tests", "tests/front_door") for path in (ROOT / folder).glob("*.py")] + [
+        path for folder in FOLDERS for path in (ROOT / "tests" / folder).glob("**/*.py")
     ]:
-        tree = ast.parse(path.read_text())
-        started = any(isinstance(node, ast.If) and "__main__" in ast.unparse(node.test) for node in tree.body)
-        part = any(isinstance(node, ast.FunctionDef) and node.name in ("measure", "rows") for node in tree.body)
-        if started or (part and path.parent.name != "tests"):
-            yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        body = ast.parse(path.read_text()).body
+        if any(isinstance(node, ast.If) and "__main__" in ast.unparse(node.test) for node in body):
+            yield module_of(path)
+
+
+def run_through() -> set[str]:
+    """Files of the modules that programs run through: what they import, and modules beside them that they name."""
+    found: set[str] = set()
+    new = {f"{program.module.replace('.', '/')}.py" for program in PROGRAMS}
+    while new - found:
+        found |= closure(new)
+        new = {
+            str(path.relative_to(ROOT))
+            for file in found
+            if file.startswith("tests/")
+            for text in names_in(ast.parse((ROOT / file).read_text()), texts=True)
+            if (path := (ROOT / file).with_name(text.removesuffix(".py") + ".py")).exists()
+        }
+    return found
+
+
+def names_in(tree: ast.AST, texts: bool = False) -> Iterator[str]:
+    """Names that code uses, or its texts of one word."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and re.fullmatch(r"[\w.]+", node.value):
+            yield node.value
+        elif isinstance(node, ast.Name) and not texts:
+            yield node.id
+        elif isinstance(node, ast.Attribute) and not texts:
+            yield node.attr
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.module)
-def test_a_program_calls_its_parts_and_its_figures_are_declared(program) -> None:
-    folder = ROOT.joinpath(*program.module.split(".")).parent
-    others = {path.stem: path.read_text() for path in folder.glob("*.py")}
-    for part in program.parts:
-        assert any(re.search(rf"\b{part}\b", text) for name, text in others.items() if name != part), part
+def test_the_figures_of_a_program_are_declared(program) -> None:
     module, _, name = program.figures.partition(":")
     assert getattr(importlib.import_module(module), name).__doc__
 
@@ -171,8 +229,8 @@ class Example(Figures):
     [
         ({"seconds": 1.0, "counts": {"a": 1}}, None),
         ({"seconds": 1.0}, "counts: Field required"),
-        ({"seconds": None, "counts": {}}, "seconds: Input should be a valid number"),
-        ({"seconds": 1.0, "counts": {}, "more": 2}, "more: Extra inputs are not permitted"),
+        ({"seconds": None, "counts": {"a": 1}}, "seconds: Input should be a valid number"),
+        ({"seconds": 1.0, "counts": {"a": 1}, "more": 2}, "more: Extra inputs are not permitted"),
         (None, "the file: Input should be a valid dictionary or instance of Example"),
     ],
 )
