@@ -38,7 +38,7 @@ from amb_bringup.graph.packages import find_executable
 from amb_core.recording import inspect_bag
 from amb_msgs.srv import RunSteps
 from tests.delayed_discovery import build_delayed_discovery, delays
-from tests.front_door.figures import Figures
+from tests.front_door.figures import Figures, MayBeEmpty
 from tests.front_door.results import results_file
 from tests.graph.processes import SHARED_MEMORY
 from tests.kept_outcomes import KeptOutcomes, checkout
@@ -60,7 +60,7 @@ class Ends(Figures):
     slow: int
     longest_s: float
     longest_up_s: float
-    exit_codes: dict[str, int]
+    exit_codes: MayBeEmpty[dict[str, int]]
     bags_whole: int
     shm_left: list[str]
 
@@ -69,6 +69,7 @@ class Leaving(Ends):
     """What is written to results/leaving.json."""
 
     commit: str  # with a + where files were changed
+    exit_codes: dict[str, int]
     idle: Ends
     loaded: Ends
 

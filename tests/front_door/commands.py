@@ -18,6 +18,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import chdir
 from pathlib import Path
+from typing import Annotated
 
 from domain_coordinator import domain_id
 from pydantic import RootModel
@@ -28,6 +29,7 @@ from amb_bringup.graph.packages import find_executable, share_folder
 from docs.generators.commands import commands
 from tests.benchmarks.robust.emulator import slow_rig
 from tests.front_door import entries
+from tests.front_door.figures import rows_of
 from tests.front_door.results import ROOT, results_file
 from tests.graph.rig import free_port
 
@@ -38,8 +40,8 @@ class Failed(Exception):  # noqa: N818  # no error of this program
     """What a command showed that did not succeed."""
 
 
-class CommandSeconds(RootModel[dict[str, float]]):
-    """Seconds by command; which commands there are is in `entries.COMMANDS`."""
+class CommandSeconds(RootModel[Annotated[dict[str, float], rows_of(lambda: names())]]):
+    """Seconds by command, of all in `entries.COMMANDS`."""
 
 
 def steps(port: int) -> Iterator[tuple[str, bool, list[str]]]:
@@ -67,12 +69,18 @@ def name_of(words: list[str]) -> str:
     return next(name for count in (2, 1) if (name := " ".join(["amb", *words[:count]])) in known)
 
 
+def names() -> list[str]:
+    """Full names of all commands of the list."""
+    return list(dict.fromkeys(name_of(words) for _, _, words in steps(0) if words))
+
+
 def main() -> int:
     """Run the commands; 1 if one fails."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the only size there is")
-    names = list(dict.fromkeys(name_of(words) for _, _, words in steps(0) if words))
-    parser.add_argument("--only", nargs="*", choices=names, metavar="NAME", help=f"only these, of {', '.join(names)}")
+    parser.add_argument(
+        "--only", nargs="*", choices=names(), metavar="NAME", help=f"only these, of {', '.join(names())}"
+    )
     chosen = parser.parse_args()
     file = results_file("commands.json", quick=True)
     folder = file.with_suffix("")

@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -66,11 +66,19 @@ def run_program(program: Program) -> Outcome:
 
 
 def run_file(programs: list[Program]) -> dict[str, Outcome]:
-    """Run the programs of one file of results, one after the other, and check its keys and that their code is named."""
+    """Run the programs of one file of results, one after the other."""
     file = results_file(programs[0].results, quick=True)
     for old in (file, stamps_file(file)):
         old.unlink(missing_ok=True)
-    outcomes = {program.module: run_program(program) for program in programs}
+    return {program.module: run_program(program) for program in programs}
+
+
+def judge(programs: list[Program], outcomes: dict[str, Outcome]) -> None:
+    """Check the keys of a file of results and that their code is named, and print what its programs came to.
+
+    In the main thread: the names of commands come from loading these, which handle signals meanwhile.
+    """
+    file = results_file(programs[0].results, quick=True)
     last = outcomes[programs[-1].module]
     module, _, name = programs[-1].figures.partition(":")
     try:
@@ -84,18 +92,11 @@ def run_file(programs: list[Program]) -> dict[str, Outcome]:
         if file.name in {load(name).results for name in names()} and (unknown := unstamped(file)):
             last.problems.append(f"{file.name}: the code on which {', '.join(unknown)} was measured is not named")
         last.skipped += [f"{key}: {reason}" for key, reason in _skipped(results)]
-    return outcomes
-
-
-def run_and_show(programs: list[Program]) -> dict[str, Outcome]:
-    """Run the programs of one file of results, and print what they came to."""
-    outcomes = run_file(programs)
     for module, outcome in outcomes.items():
         verdict = "; ".join(outcome.problems) or "right"
         print(f"{module}: {outcome.seconds} s ({outcome.processor_seconds} s of the processor): {verdict}", flush=True)
         for skipped in outcome.skipped:
             print(f"  not run here: {skipped}", flush=True)
-    return outcomes
 
 
 def run_again(files: list[list[Program]], before: dict[str, Outcome]) -> dict[str, Outcome]:
@@ -105,7 +106,8 @@ def run_again(files: list[list[Program]], before: dict[str, Outcome]) -> dict[st
         for module in _problems(before, programs):
             print(f"WARNING: {module} failed and runs again; the end of its first output:")
             print(_end_of_output(module), flush=True)
-        second = run_and_show(programs)
+        second = run_file(programs)
+        judge(programs, second)
         for module, outcome in second.items():
             outcome.first_run = before[module].problems
         outcomes |= second
@@ -153,8 +155,12 @@ def main() -> int:
     files = files_of(chosen.programs)
     files.sort(key=lambda programs: -sum(program.seconds for program in programs))
     began = time.monotonic()
+    outcomes: dict[str, Outcome] = {}
     with ThreadPoolExecutor(AT_A_TIME) as pool:
-        outcomes = {name: one for of_file in pool.map(run_and_show, files) for name, one in of_file.items()}
+        running = {pool.submit(run_file, programs): programs for programs in files}
+        for done in as_completed(running):
+            judge(running[done], done.result())
+            outcomes |= done.result()
     if chosen.again:
         outcomes |= run_again([file for file in files if _problems(outcomes, file)], outcomes)
     summary = {module: asdict(outcome) for module, outcome in outcomes.items()}

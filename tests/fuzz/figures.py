@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.front_door.figures import Figures
+from tests.front_door.figures import Figures, MayBeEmpty
 
 
 class Finding(Figures):
@@ -27,7 +27,7 @@ class Campaign(Figures):
     seconds: float
     growth: dict[str, float]
     sent: dict[str, int]
-    findings: list[Finding]
+    findings: MayBeEmpty[list[Finding]]
     deaths: int
     internal_errors: int
     memory_growth_percent: float

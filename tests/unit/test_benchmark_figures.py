@@ -9,9 +9,15 @@ from typing import Any
 
 import pytest
 
+from docs.generators.measured import load
+from tests.benchmarks.explained.excitation import Excitation
 from tests.benchmarks.ident import ours, peers, run
-from tests.benchmarks.ident.figures import BenchIdent
-from tests.front_door.figures import problems
+from tests.benchmarks.ident.figures import BenchIdent, Bound
+from tests.benchmarks.robust.figures import Coverage, Misfit, Swept
+from tests.benchmarks.verdicts.figures import WrongModels
+from tests.front_door.commands import CommandSeconds, names
+from tests.front_door.figures import Figures, MayBeEmpty, problems
+from tests.soak.figures import Soak
 
 ROOT = Path(__file__).parents[2]
 
@@ -82,3 +88,43 @@ def test_a_method_or_data_set_that_is_not_there_is_refused_with_those_that_are(w
     refused = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert refused.returncode == 2
     assert reason in refused.stderr
+
+
+# -- tables that lost their rows
+
+
+class Example(Figures):
+    plants: dict[str, float]
+    peers: list[Bound]
+    failed: MayBeEmpty[dict[str, int]]
+    trips: list[str]
+
+
+def test_an_empty_table_or_list_of_records_is_a_problem_unless_it_may_be_empty() -> None:
+    full = {"plants": {"2x2": 1.0}, "peers": [BOUND], "failed": {}, "trips": []}
+    assert problems(Example, full) == []
+    assert problems(Example, full | {"plants": {}}) == ["plants: Value error, is empty"]
+    assert problems(Example, full | {"peers": []}) == ["peers: Value error, is empty"]
+
+
+@pytest.mark.parametrize("name", ["crest_factors", "designs", "largest", "signals"])
+def test_every_table_of_the_page_on_excitations_has_rows(name: str) -> None:
+    figures = load("excitation").figures
+    assert problems(Excitation, figures) == []
+    assert problems(Excitation, figures | {name: {}}) != []
+
+
+def test_every_plant_bearing_kind_and_command_has_its_row() -> None:
+    for kind, name in (Coverage, "plants"), (Swept, "bearings"), (Misfit, "kinds"):
+        wrong = [text for text in problems(kind, {name: {}}) if text.startswith(name)]
+        assert wrong and "lacks" in wrong[0]
+    assert "refused_by_kind: Value error, is empty" in problems(WrongModels, {"refused_by_kind": {}})
+    assert "lacks amb new" in problems(CommandSeconds, {})[0]
+    seconds = dict.fromkeys(names(), 1.0)
+    assert problems(CommandSeconds, seconds) == []
+    assert "lacks amb jitter" in problems(CommandSeconds, {k: v for k, v in seconds.items() if k != "amb jitter"})[0]
+
+
+def test_trips_of_a_soak_may_be_none() -> None:
+    assert load("soak").figures["soak"]["trips"] == []
+    assert problems(Soak, load("soak").figures) == []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import RootModel
+from typing import Annotated
+
+from pydantic import AfterValidator, RootModel
 
 from tests.front_door.figures import Figures
 
@@ -17,5 +19,14 @@ class Row(Figures):
     ok: bool
 
 
-class Validation(RootModel[list[Row]]):
+def _all_rows(rows: list[Row]) -> list[Row]:
+    from tests.validation.run import CHECKS
+
+    declared = sum(count for _, count, _ in CHECKS.values())
+    if len(rows) != declared:
+        raise ValueError(f"has {len(rows)} rows; declared: {declared}")
+    return rows
+
+
+class Validation(RootModel[Annotated[list[Row], AfterValidator(_all_rows)]]):
     """All checks; `run.CHECKS` has the number of rows of each."""

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from tests.front_door.figures import Figures
+from typing import Annotated
+
+from tests.benchmarks.robust.misfit_plants import HONEST, KINDS
+from tests.benchmarks.robust.monte_carlo import Bearing, Rotor
+from tests.benchmarks.robust.swept import BEARINGS
+from tests.front_door.figures import Figures, rows_of
 
 
 class Unstable(Figures):
@@ -62,7 +67,7 @@ class Swept(Figures):
     """Both, by bearing."""
 
     worst_db: float
-    bearings: dict[str, Simulated]
+    bearings: Annotated[dict[str, Simulated], rows_of(lambda: BEARINGS)]
     emulator: Emulated
 
 
@@ -113,7 +118,7 @@ class Coverage(Figures):
     runs: int
     inside: int
     width_ratio: float
-    plants: dict[str, Covered]
+    plants: Annotated[dict[str, Covered], rows_of(lambda: (Bearing.name, Rotor.name))]
 
 
 class HiddenModes(Figures):
@@ -158,7 +163,7 @@ class Misfit(Figures):
     honest: int
     honest_certified: int
     width_median: float | None
-    kinds: dict[str, MisfitKind]
+    kinds: Annotated[dict[str, MisfitKind], rows_of(lambda: (HONEST, *KINDS))]
 
 
 class OverRefusal(Figures):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.front_door.figures import Figures
+from tests.front_door.figures import Figures, MayBeEmpty
 
 
 class TrueModels(Figures):
@@ -15,7 +15,7 @@ class TrueModels(Figures):
     identified: int
     identified_validated: int
     identified_refused: int
-    failed: dict[str, int]
+    failed: MayBeEmpty[dict[str, int]]
 
 
 class WrongModels(Figures):
