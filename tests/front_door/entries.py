@@ -39,10 +39,24 @@ class Program:
 
 @dataclass(frozen=True)
 class Covered:
-    """Covered by a test that `make test` runs, or by a slow one that says why."""
+    """Covered by a test that `make test` runs, or by a slow one that says why.
 
-    test: str  # FILE::NAME
+    Attributes
+    ----------
+    test : str
+        FILE::NAME.
+    slow_because : str
+        Why a slow test is enough.
+    needs : str
+        What the test needs that the default set-up may lack; it is skipped without.
+    without : str
+        FILE::NAME of the test that is run even then.
+    """
+
+    test: str
     slow_because: str = ""
+    needs: str = ""
+    without: str = ""
 
 
 @dataclass(frozen=True)
@@ -254,8 +268,10 @@ COMMANDS_ELSEWHERE: dict[str, Covered | Left] = {
     ),
     "amb foxglove": Covered(
         "tests/graph/test_foxglove.py::"
-        "test_a_viewer_sees_the_samples_of_the_loop_bit_for_bit_and_the_bridge_ends_on_ctrl_c"
-    ),  # left out without the extra foxglove
+        "test_a_viewer_sees_the_samples_of_the_loop_bit_for_bit_and_the_bridge_ends_on_ctrl_c",
+        needs="the extra foxglove",
+        without="tests/unit/test_extras.py::test_foxglove_without_its_extra_says_in_one_line_what_to_install",
+    ),
 }  # fmt: skip
 """Commands that a test runs."""
 

@@ -115,6 +115,12 @@ def test_a_command_without_its_extra_ends_with_that_line() -> None:
     assert run_without(("tornado",), code).strip() == "1"
 
 
+def test_foxglove_without_its_extra_says_in_one_line_what_to_install() -> None:
+    code = "import amb_bringup.cli\nsys.argv = ['amb', 'foxglove', '--port', '0']\nsys.stderr = sys.stdout\n"
+    shown = run_without(("foxglove",), f"{code}print(amb_bringup.cli.main())")
+    assert shown == "amb: foxglove-sdk is not installed; add it with make setup EXTRAS=foxglove\n1\n"
+
+
 def test_the_command_of_a_package_that_is_not_built_names_it() -> None:
     code = """
 from typer.testing import CliRunner

@@ -214,6 +214,20 @@ def test_what_make_quick_does_not_run_is_run_by_a_test_or_has_a_reason(name: str
         match = re.search(rf"((?:^@.*\n)*)^def {test}\b", (ROOT / file).read_text(), re.MULTILINE)
         assert match, f"there is no test {how.test}"
         assert bool(how.slow_because) == ("mark.slow" in match[1]), f"{how.test}: say why a slow test is enough"
+        assert bool(how.needs) == may_be_skipped(ROOT / file, test), f"{how.test}: say what it needs"
+        if how.needs:
+            file, _, test = how.without.partition("::")
+            assert not may_be_skipped(ROOT / file, test), how.without
+
+
+def may_be_skipped(file: Path, test: str) -> bool:
+    """Whether a test is left out where something is missing: by itself, by a marker, or with its whole file."""
+    body = ast.parse(file.read_text()).body
+    (own,) = [ast.unparse(node) for node in body if isinstance(node, ast.FunctionDef) and node.name == test]
+    shared = [ast.unparse(node) for node in body if isinstance(node, ast.Expr | ast.Assign)]
+    markers = {text: text.partition(" = pytest.mark.skipif")[0] for text in shared if " = pytest.mark.skipif" in text}
+    used = [text for text in shared if text not in markers or f"@{markers[text]}" in own]
+    return any(re.search(r"importorskip|skipif|pytest\.skip", text) for text in (own, *used))
 
 
 # -- the check of keys
