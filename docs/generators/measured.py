@@ -212,8 +212,9 @@ def with_ages(text: str) -> str:
 
 
 def pages() -> list[Path]:
-    """README and pages with measured tables."""
-    return [page for page in (ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))) if MARK.search(page.read_text())]
+    """README, guide to the target and pages with measured tables."""
+    all_pages = (ROOT / "README.md", *sorted(ROOT.glob("target/*.md")), *sorted(ROOT.glob("docs/**/*.md")))
+    return [page for page in all_pages if MARK.search(page.read_text())]
 
 
 def _git(*arguments: str) -> int:
