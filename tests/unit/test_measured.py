@@ -203,3 +203,53 @@ def test_figures_that_cells_hold_are_not_taken_and_one_line_says_so(
     monkeypatch.setattr("sys.argv", ["measured", "take", "validation"])
     with pytest.raises(SystemExit, match="validation: the cells of its tables hold the figures"):
         measured.main()
+
+
+# -- tables that are typed
+
+FIGURES = re.compile(r"\d ?(?:%|ns|us|ms|s|min|h|kB|MB|GB)(?![\w/])|\d of \d")
+"""Of a table that may be measured: shares, times and sizes, and counts of cases."""
+STATED = {
+    ("amb_controller_node/README.md", "topic"): "how often it is published",
+    ("amb_ident_node/README.md", "topic"): "how often it is published",
+    ("amb_sim_node/README.md", "topic"): "how often it is published",
+    ("amb_sim_node/README.md", "name"): "declared defaults",
+    ("src/amb_ros/README.md", "module"): "times that the code sets",
+    ("docs/explanation/distortion.md", "shown by"): "a level of confidence",
+    ("docs/explanation/excitation.md", "limit"): "declared defaults",
+    ("docs/explanation/regions.md", "line"): "computed by the formulas beside them",
+    ("docs/explanation/robustness.md", "number"): "a level of confidence",
+    ("docs/explanation/validation.md", "condition"): "limits of the verdict",
+    ("docs/explanation/validation.md", "part"): "levels of confidence",
+    ("docs/how-to/certify-a-loop.md", "a check failed"): "a level of confidence",
+    ("docs/how-to/certify-a-loop.md", "part of `certificate.json`"): "the definition of a band",
+    ("docs/how-to/measure-distortion.md", "place"): "an example of output, and limits",
+    ("docs/how-to/troubleshoot.md", "symptom"): "times and sizes that the code sets",
+    ("docs/how-to/watch-live.md", "part"): "times that the page shows",
+    (
+        "docs/reference/excitations.md",
+        "kind",
+    ): "sizes follow from 8 bytes a sample; the line below names the commit of the rest",
+    ("docs/reference/identification-data.md", "check"): "limits of the checks",
+    ("docs/reference/rigs.md", "check"): "limits of the checks",
+    ("docs/reference/rigs.md", "event"): "times that the protocol sets",
+}
+"""Tables with such numbers that no program measures, by page and first column, with the reason."""
+
+
+def typed_tables() -> Iterator[tuple[str, str]]:
+    """Page and head of each table with figures that does not come from `docs/measured`."""
+    patterns = ("*.md", "target/*.md", "*/README.md", "src/*/README.md", "docs/**/*.md")
+    for page in [page for pattern in patterns for page in ROOT.glob(pattern)]:
+        if "docs/repository/" in str(page) or "docs/reference/api/" in str(page):  # which the site makes
+            continue
+        for table in re.findall(r"(?:^\|.*\n)+", MARK.sub("", page.read_text()), re.MULTILINE):
+            head, _, *rows = table.splitlines()
+            if any(FIGURES.search(row) for row in rows):
+                yield str(page.relative_to(ROOT)), head.split("|")[1].strip()
+
+
+def test_a_table_with_figures_comes_from_docs_measured_or_states_them_for_a_reason() -> None:
+    assert sorted(set(typed_tables()) - set(STATED)) == [], "put it between marks, or in STATED with the reason"
+    assert sorted(set(STATED) - set(typed_tables())) == []
+    assert all(STATED.values())
