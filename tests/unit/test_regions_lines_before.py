@@ -169,6 +169,28 @@ def test_a_mode_explains_its_ringing_and_not_a_line_that_sets_in() -> None:
     assert unexplained_amplitude(reference, own, 20.0, 5.0, 1_000.0) > 0.5 * ringing.std()
 
 
+@pytest.mark.parametrize(
+    ("tone", "slow"), [(500.0, 20.0), (500.0, 100.0), (625.0, 125.0), (1_000.0, 31.7), (2_500.0, 20.0)]
+)
+def test_an_input_locked_to_the_sample_rate_explains_no_slow_line(tone: float, slow: float) -> None:
+    time = TIME[:30_000]
+    reference = np.zeros((len(time), 2))
+    reference[:, 1] = 5e-6 * np.sin(2.0 * np.pi * tone * time)
+    position = np.random.default_rng(6).normal(scale=0.05e-6, size=reference.shape) + 0.4 * np.roll(reference, 3, axis=0)
+    position[:, 1] += np.where(time >= 1.0, 10e-6 * np.sin(2.0 * np.pi * slow * (time - 1.0)), 0.0) - 68e-6
+    onsets = classify(LoopRecord(0, 1.0 / RATE, reference, position, np.zeros_like(position))).onsets
+    assert onsets[Region.C].time == pytest.approx(1.0, abs=0.04)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1e-14, 1e-3])
+def test_an_input_too_weak_for_any_mode_explains_nothing(scale: float) -> None:
+    time = np.arange(4_000) / 1_000.0
+    reference = scale * 1e-6 * np.sin(2.0 * np.pi * 20.0 * time)  # a line as steady as the one in question
+    position = 1e-6 * np.sin(2.0 * np.pi * 20.0 * time + 1.0)
+    assert unexplained_amplitude(reference, position, 20.0, 5.0, 1_000.0) > 0.8e-6
+    assert unexplained_amplitude(position / 50.0, position, 20.0, 5.0, 1_000.0) < 0.1e-6
+
+
 # -- distortion
 
 

@@ -8,7 +8,8 @@ a linear relation linear) are compared with the response of one complex pole,
     z[k+1] = p z[k] + u[k],    y = a z + b u,
 
 over several seconds. The pole must be stable: such a response can ring and decay, but not set in without its input.
-The line is explained if little of it is left at the end.
+The line is explained if little of it is left at the end. A mode answers its input with a bounded gain: an input that
+decimation has removed explains nothing, though what rounding leaves of it may have the shape of a line.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 PERIODS = 4.0  # of the line in the low-pass filter: inputs at twice its frequency and above do not pass
 PER_PERIOD = 2.0  # samples of an envelope per period of the line
 LIGHTEST, HEAVIEST = 4e-3, 0.2  # damping ratios of the poles that are tried
+HIGHEST_GAIN = 0.5 / LIGHTEST  # of the lightest mode at its resonance, if at rest the rotor follows its reference
 DAMPINGS = 12
 DETUNING = 0.06  # of the line's frequency: the pole is looked for at least so far on both sides
 DETUNING_STEP = 0.012
@@ -51,7 +53,8 @@ def unexplained_amplitude(
     Returns
     -------
     float
-        Root mean square amplitude (m) of what the response leaves; infinite if the signals are too short.
+        Root mean square amplitude (m) of what the response leaves, and at least that beyond `HIGHEST_GAIN` times the
+        input; infinite if the signals are too short.
     """
     frequency = _refined(position, frequency, resolution, rate)
     every = max(round(rate / (PER_PERIOD * frequency)), 1)
@@ -60,6 +63,8 @@ def unexplained_amplitude(
     samples = len(envelope)
     if samples < SHORTEST:
         return math.inf
+    late = slice(samples - round(LATE * PER_PERIOD), samples)
+    beyond = _mean_amplitude(envelope[late]) - HIGHEST_GAIN * 2.0 * float(np.abs(input_envelope).max())
     # An input that was there before the signals begin must not look like a blow that starts the ringing.
     begins = np.minimum((np.arange(samples) + 1.0) / (FADE_IN * samples), 1.0)
     input_envelope = input_envelope * np.sin(0.5 * np.pi * begins) ** 2
@@ -67,7 +72,6 @@ def unexplained_amplitude(
     around = np.column_stack([np.roll(input_envelope, shift) for shift in range(-NEIGHBOURS, NEIGHBOURS + 1)])
     smooth = np.linalg.qr(around)[0]
     envelope = envelope - smooth @ (smooth.conj().T @ envelope)
-    late = slice(samples - round(LATE * PER_PERIOD), samples)
     angular = 2.0 * math.pi * frequency * every / rate
     widest = max(DETUNING, 1.2 * resolution / frequency)
     dampings = np.geomspace(LIGHTEST, HEAVIEST, DAMPINGS)
@@ -84,7 +88,12 @@ def unexplained_amplitude(
         dampings = damping[best] * ratio ** np.linspace(-1.0, 1.0, ZOOMED)
         dampings = dampings[dampings >= LIGHTEST]
         detunings = detuning[best] + step * np.linspace(-1.0, 1.0, ZOOMED)
-    return 2.0 * float(np.sqrt(np.mean(np.abs(left[late]) ** 2)))  # the envelope of a line is half its amplitude
+    return max(_mean_amplitude(left[late]), beyond)
+
+
+def _mean_amplitude(envelope: NDArray[np.complex128]) -> float:
+    """Root mean square amplitude of a line (m); its envelope is half of it."""
+    return 2.0 * float(np.sqrt(np.mean(np.abs(envelope) ** 2)))
 
 
 @numba.njit(cache=True, error_model="numpy")
