@@ -176,7 +176,8 @@ def test_an_input_locked_to_the_sample_rate_explains_no_slow_line(tone: float, s
     time = TIME[:30_000]
     reference = np.zeros((len(time), 2))
     reference[:, 1] = 5e-6 * np.sin(2.0 * np.pi * tone * time)
-    position = np.random.default_rng(6).normal(scale=0.05e-6, size=reference.shape) + 0.4 * np.roll(reference, 3, axis=0)
+    position = np.random.default_rng(6).normal(scale=0.05e-6, size=reference.shape)
+    position += 0.4 * np.roll(reference, 3, axis=0)
     position[:, 1] += np.where(time >= 1.0, 10e-6 * np.sin(2.0 * np.pi * slow * (time - 1.0)), 0.0) - 68e-6
     onsets = classify(LoopRecord(0, 1.0 / RATE, reference, position, np.zeros_like(position))).onsets
     assert onsets[Region.C].time == pytest.approx(1.0, abs=0.04)
