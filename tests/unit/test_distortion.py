@@ -156,12 +156,15 @@ def test_distortion_of_the_bearing_grows_with_the_amplitude_and_its_response_is_
 
 def test_what_cannot_be_measured_is_refused() -> None:
     reference = reference_of(SETTINGS, LINES, 0, 0)
-    still = PeriodicResponse(reference, np.zeros((2, 1_000, 2)), np.zeros((2, 1_000, 2)))
+    periods = np.stack([reference, reference])
+    alike, still = PeriodicResponse(reference, periods, periods), PeriodicResponse(reference, periods, 0.0 * periods)
     with pytest.raises(SpectrumError, match="two realisations or more"):
-        measure_distortion([[still, still]], LINES, 1e-3)
+        measure_distortion([[alike, alike]], LINES, 1e-3)
     with pytest.raises(SpectrumError, match="do not excite x and y independently at 3 Hz"):
+        measure_distortion([[alike, alike]] * 2, LINES, 1e-3)
+    with pytest.raises(SpectrumError, match="the position does not move on x and y while the reference does"):
         measure_distortion([[still, still]] * 2, LINES, 1e-3)
-    once = PeriodicResponse(reference, still.current[:1], still.position[:1])
+    once = PeriodicResponse(reference, periods[:1], periods[:1])
     with pytest.raises(SpectrumError, match="two periods or more"):
         measure_distortion([[once, once]] * 2, LINES, 1e-3)
     with pytest.raises(SpectrumError, match=r"period = 0\.33335 s has 333\.35 samples"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.data.analysis import read
 from amb_core.data.experiments import IdentificationData, write_data
-from amb_core.data.experiments.checks import Severity, check_distortion
+from amb_core.data.experiments.checks import Severity, check_distortion, check_region
 from amb_core.excitation import excitation_from_request, generate
 from amb_core.ground.errors import SpectrumError
 from amb_core.identification import identify
@@ -204,6 +205,42 @@ def test_what_else_is_not_permitted_is_said() -> None:
         measure_coherence([respond(np.zeros((4_000, 2)))])
 
 
+@pytest.mark.parametrize("value", [0.0, -60e-6])
+@pytest.mark.parametrize("signal", ["multisine", "prbs"])
+def test_a_dead_or_stuck_position_is_refused_by_its_axis(signal: str, value: float) -> None:
+    record = respond(multisine(0) if signal == "multisine" else excitation("prbs", amplitude=3e-6, duration=4.0))
+    stuck = replace(record, position=record.position * [1.0, 0.0] + [0.0, value])
+    evidence = find_evidence([stuck])
+    assert not evidence.measured
+    refused = "the position does not move on y while the reference does: a dead or stuck sensor; needed: "
+    assert evidence.coherence_problem.startswith(refused)
+    assert signal == "prbs" or evidence.problem.startswith(refused)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("steps", [0, 1, 2, 3])
+def test_a_record_without_a_spectrum_is_refused_in_one_line(steps: int) -> None:
+    whole = respond(multisine(0))
+    reference, position, current = (
+        part[1_000 : 1_000 + steps] for part in (whole.reference, whole.position, whole.current)
+    )
+    record = LoopRecord(1_000, 1.0 / RATE, reference, position, current)
+    evidence = find_evidence([record])
+    assert not evidence.measured and "repeats no period" in evidence.problem
+    assert f"steps in the record: {steps}; needed: 3 or more" in evidence.coherence_problem or steps == 3
+    assert find_evidence([record, whole]).measured, "another record has one"
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("reference", "position"), [(1e-200, 1e-200), (1e-200, 1.0), (1.0, 1e-200)])
+def test_signals_whose_power_is_no_number_stand_still(reference: float, position: float) -> None:
+    record = respond(multisine(0))
+    tiny = replace(record, reference=reference * record.reference, position=position * record.position)
+    evidence = find_evidence([tiny])
+    assert not evidence.measured
+    assert "not move" in evidence.coherence_problem
+
+
 @pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-6, 1e-5])
 def test_coherence_has_no_bias_from_the_number_of_lines(noise: float) -> None:
     reference = excitation("white_noise", amplitude=3e-6, duration=6.0, frequency_end=200.0)
@@ -271,6 +308,24 @@ def test_a_file_of_data_will_do_and_one_that_does_not_says_what_is_needed(tmp_pa
     assert isinstance(bad.exception, SpectrumError)
     assert "needed: two whole periods" in str(bad.exception) and "does not move" in str(bad.exception)
     assert not (tmp_path / "none").exists()
+
+
+def test_commands_name_a_dead_sensor_instead_of_region_a(tmp_path: Path) -> None:
+    record = respond(multisine(0))
+    bag = write_bag(tmp_path / "bag", replace(record, position=record.position * [1.0, 0.0]))
+    refused = CliRunner().invoke(app, ["distortion", str(bag), "--out", str(tmp_path / "none")])
+    assert isinstance(refused.exception, SpectrumError) and "does not move on y" in str(refused.exception)
+    shown = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False)
+    said = " ".join(shown.stdout.split())
+    last = record.steps - 1
+    assert f"position y steps 0 to {last}: unchanged while its axis moves; a dead or stuck sensor shows no" in said
+    assert "distortion not measured" in said
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["frozen"] == [f"y steps 0 to {last}"]
+    report = recording_report(Recording.read(bag), order=8)
+    assert f"Position y steps 0 to {last}: unchanged while its axis moves; a dead or stuck sensor" in report.lead
+    assert "egion A" not in report.lead
+    finding = check_region(IdentificationData.from_record(replace(record, position=record.position * [1.0, 0.0])))
+    assert finding.text == f"y steps 0 to {last}: not checked: a dead or stuck sensor shows no region"
 
 
 def recorded_bearing(folder: Path, amplitude: float) -> Path:

@@ -63,6 +63,7 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
         "steps": record.steps,
         "sample_time": record.sample_time,
         "gaps": classified.gaps,
+        "frozen": classified.frozen,
         "delevitated": classified.delevitated,
         "region_at_end": parts[-1].region.name if parts else None,
         "shares": {region.name: share for region, share in shares(parts).items()},
@@ -120,6 +121,8 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         what = "missing" if classified.gaps == classified.missing else "missing or not finite"
         console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(summary))
+    if classified.frozen:
+        console.print(classified.frozen_problem, style="yellow", highlight=False)
     if classified.longer > 1.0:
         used, rate = classified.parameters, 1.0 / classified.record.sample_time
         console.print(

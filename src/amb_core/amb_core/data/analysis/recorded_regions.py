@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.checks.faults import frozen_positions
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import part_of
 from amb_core.loop.machine import Machine
@@ -41,6 +43,8 @@ class RecordedRegions:
         Spans (first step, step after the last) without telemetry.
     gaps : list of (int, int)
         These, and spans with samples that are not finite; the classification restarts after each.
+    frozen : list of str
+        Positions that keep one value while their axis moves, with the steps: a dead or stuck sensor shows no region.
     delevitated : bool
         Whether the simulator ended the run because the rotor delevitated.
     parameters : RegionParameters
@@ -56,9 +60,18 @@ class RecordedRegions:
     classification: Classification
     missing: list[tuple[int, int]]
     gaps: list[tuple[int, int]]
+    frozen: list[str]
     delevitated: bool
     parameters: RegionParameters
     longer: float = 1.0
+
+    @property
+    def frozen_problem(self) -> str:
+        """What the frozen positions mean, in words; empty without any."""
+        if not self.frozen:
+            return ""
+        places = ", ".join(self.frozen)
+        return f"position {places}: unchanged while its axis moves; a dead or stuck sensor shows no region"
 
 
 def classify_run(recording: Recording, run: int | None = None) -> RecordedRegions:
@@ -109,6 +122,7 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
         _joined_classification(parts, first_step, frequency),
         _between(spans, first_step, stop),
         _between([(part.first_step, part.first_step + part.steps) for part in usable], first_step, stop),
+        [place for part in usable for place in frozen_positions(IdentificationData.from_record(part))],
         ended is not None,
         parameters,
         parameters.update_interval / wanted.update_interval,

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from amb_core.ground.errors import SpectrumError
 from amb_core.ground.results import Result, plain, rows_by_axis
 from amb_core.loop.records import LoopRecord
-from amb_core.regions.distortion.records import axes_of
+from amb_core.regions.distortion.records import axes_of, moving, require_motion
 
 _DEGREE = 2
 _LINES_PER_BAND = 24  # at least; two for each unknown of a machine of more axes
@@ -36,6 +36,7 @@ _REFERENCE_POWER = 0.999  # part of it that lies below the end of the band
 _LINES_PER_UNKNOWN = 2.0  # of a reference in a band
 _ENOUGH = 0.9  # part of the power of the reference in bands with that many
 _NEGLIGIBLE = 1e-9  # singular value of the regressors of a band
+_FEWEST_STEPS = 3  # that have a line of the spectrum above 0
 
 Complex = NDArray[np.complex128]
 
@@ -132,20 +133,23 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     Raises
     ------
     SpectrumError
-        If a sample is not finite, the records are not of one machine, the reference does not move, or it has too few
-        lines.
+        If a sample is not finite, the records are not of one machine, there are fewer than 3 steps, the reference does
+        not move or has too few lines, or a position stands still while its reference moves.
     """
     if not records:
         raise SpectrumError("no coherence: there are no samples")
     axes = axes_of(records)
     record = max(records, key=lambda item: item.steps)
+    if record.steps < _FEWEST_STEPS:
+        raise SpectrumError(f"no coherence: steps in the record: {record.steps}; needed: {_FEWEST_STEPS} or more")
     if not (np.isfinite(record.reference).all() and np.isfinite(record.position).all()):
         raise SpectrumError("no coherence: a reference or position is not finite")
-    moving = np.ptp(record.reference, axis=0) > 0.0
-    if not moving.any():
+    excited = moving(record.reference)
+    if not excited.any():
         raise SpectrumError("no coherence: the reference does not move")
+    require_motion(axes, record.reference, record.position)
     resolution = 1.0 / (record.steps * record.sample_time)
-    reference = _lines(record.reference[:, moving])
+    reference = _lines(record.reference[:, excited])
     reference /= np.sqrt((np.abs(reference) ** 2).mean(axis=0))
     bands = _bands(reference, resolution)
     position = _lines(record.position)
@@ -154,7 +158,7 @@ def measure_coherence(records: Sequence[LoopRecord]) -> Coherence:
     with np.errstate(invalid="ignore", divide="ignore"):
         coherence = np.clip(np.where(total > 0.0, answered / total, 0.0), 0.0, 1.0)
     for values in (coherence, answered, rest):
-        values[:, ~moving] = np.nan
+        values[:, ~excited] = np.nan
     return Coherence(
         axes=axes,
         frequency=resolution * np.array([1 + 0.5 * (b.start + b.stop - 1) for b in bands]),

@@ -26,6 +26,7 @@ from scipy import special
 
 from amb_core.ground.errors import SpectrumError
 from amb_core.regions.distortion.local_fit import fit_between_lines
+from amb_core.regions.distortion.records import moving, require_motion
 from amb_core.regions.distortion.result import Distortion, Method
 from amb_core.regions.distortion.signals import Lines
 
@@ -76,12 +77,12 @@ def measure_distortion(responses: Sequence[Sequence[PeriodicResponse]], lines: L
     Raises
     ------
     SpectrumError
-        If there are too few realisations or periods, a value is not finite, or the references of a realisation do not
-        excite the two axes independently at an excited line.
+        If there are too few realisations or periods, a value is not finite, a position stands still while its reference
+        moves, or the references of a realisation do not excite the two axes independently at an excited line.
     """
     if len(responses) < 2 or any(len(pair) != 2 for pair in responses):
         raise SpectrumError("distortions need two realisations or more, of two experiments each")
-    _check([item for pair in responses for item in pair])
+    check_responses([item for pair in responses for item in pair])
     for pair in responses:
         by_line = np.stack([_amplitudes(item.reference)[lines.excited] for item in pair], axis=-1)
         weak = _dependent(by_line)
@@ -113,9 +114,10 @@ def distortion_of(
     Raises
     ------
     SpectrumError
-        If there are too few periods, a value is not finite, or neither method can be used.
+        If there are too few periods, a value is not finite, a position stands still while its reference moves, or
+        neither method can be used.
     """
-    _check(experiments)
+    check_responses(experiments, axes)
     averages = _averages(experiments)
     mean, noise = averages.position, averages.noise
     at = lines.excited
@@ -123,7 +125,7 @@ def distortion_of(
         (np.abs(mean[:, kind]) ** 2).sum(axis=1) - noise[kind].sum(axis=0) for kind in (lines.odd, lines.even)
     )
     y, u = (np.moveaxis(part[:, at], 0, -1) for part in (mean, averages.current))
-    r, moving, independent = _moving(experiments, np.moveaxis(averages.reference[:, at], 0, -1))
+    r, excited, independent = _moving(experiments, np.moveaxis(averages.reference[:, at], 0, -1))
     columns = r.shape[1]  # r: line, moving axis or direction, experiment
     by_lines = not _dependent(r).any()
     method: Method = "robust" if by_lines and len(experiments) > columns else "fast"
@@ -139,12 +141,12 @@ def distortion_of(
         powers = _by_lines_beside(stochastic, y, noise[at])
     response, stochastic = powers.response, powers.stochastic
     total = response.sum(axis=0)
-    total = np.where(moving & (total > 0.0), total, np.nan)
+    total = np.where(excited & (total > 0.0), total, np.nan)
     of_odd, of_even = odd.sum(axis=0) + stochastic.sum(axis=0), even.sum(axis=0)
     separate = 1.0 if only_odd(lines) else np.nan
     error = np.maximum(powers.spread, best.left)
     variance = error[:, :, np.newaxis] * np.einsum("lii->li", best.weights).real[:, np.newaxis, :]
-    unknown = np.full_like(y[..., :1] * moving, np.nan)
+    unknown = np.full_like(y[..., :1] * excited, np.nan)
     every: NDArray[np.float64] = np.arange(lines.steps) / (lines.steps * sample_time)
     last = max(int(part[-1]) for part in (lines.excited, lines.odd, lines.even) if len(part))
     return Distortion(
@@ -152,9 +154,9 @@ def distortion_of(
         frequency=every[at],
         odd_frequency=every[lines.odd],
         even_frequency=every[lines.even],
-        closed_loop=_spread_out(closed_loop, moving) if independent else unknown,
-        deviation=_spread_out(np.sqrt(variance), moving) if independent else unknown.real,
-        plant=closed_loop @ _inverse(best.to_current) if moving.all() and independent else unknown,
+        closed_loop=_spread_out(closed_loop, excited) if independent else unknown,
+        deviation=_spread_out(np.sqrt(variance), excited) if independent else unknown.real,
+        plant=closed_loop @ _inverse(best.to_current) if excited.all() and independent else unknown,
         linear=np.sqrt(response),
         stochastic=_root(stochastic),
         odd=_root(odd),
@@ -181,12 +183,12 @@ def _moving(
     `reference` has the shape (lines, axes, experiments).
     """
     together = np.concatenate([item.reference for item in experiments])
-    moving = np.ptp(together, axis=0) > 0.0
-    reference = reference[:, moving]
-    directions = _directions(together[:, moving])
+    excited = moving(together)
+    reference = reference[:, excited]
+    directions = _directions(together[:, excited])
     if len(directions) == reference.shape[1]:
-        return reference, moving, True
-    return np.asarray(directions @ reference), moving, False  # as those of a rigid mode, some move only together
+        return reference, excited, True
+    return np.asarray(directions @ reference), excited, False  # as those of a rigid mode, some move only together
 
 
 def _beyond_mean(power: Values, together: int) -> Values:
@@ -282,12 +284,20 @@ def _by_lines_beside(stochastic: Values, y: NDArray[np.complex128], noise: Value
     return _Powers(np.maximum((np.abs(y) ** 2).mean(axis=-1) - spread, 0.0), spread, stochastic)
 
 
-def _check(experiments: Sequence[PeriodicResponse]) -> None:
-    """Two periods or more of finite samples."""
+def check_responses(experiments: Sequence[PeriodicResponse], axes: Sequence[str] = ("x", "y")) -> None:
+    """Require two periods or more of finite samples, and positions that move where their references do.
+
+    Raises
+    ------
+    SpectrumError
+        If an experiment is otherwise.
+    """
     if min(len(item.position) for item in experiments) < 2:
         raise SpectrumError("distortions need two periods or more of every experiment; one shows no noise")
     if not all(np.isfinite(part).all() for item in experiments for part in vars(item).values()):
         raise SpectrumError("a reference, current or position is not finite")
+    for item in experiments:
+        require_motion(axes, item.reference, item.position)
 
 
 def only_odd(lines: Lines) -> bool:

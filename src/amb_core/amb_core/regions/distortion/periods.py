@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.distortion.measurement import PeriodicResponse
+from amb_core.regions.distortion.records import moving
 from amb_core.regions.distortion.signals import Lines
 
 SETTLING = 0.1
@@ -121,9 +122,9 @@ def excited_lines(responses: Sequence[PeriodicResponse]) -> Lines:
 def _candidates(reference: Signal) -> list[int]:
     """Lags at which the reference may repeat: the highest peaks of its autocorrelation."""
     steps = len(reference)
-    centred = reference - reference.mean(axis=0)
-    if steps < 2 * _FEWEST_STEPS or not np.isfinite(centred).all() or not centred.any():
+    if steps < 2 * _FEWEST_STEPS or not np.isfinite(reference).all() or not moving(reference).any():
         return []
+    centred = reference - reference.mean(axis=0)
     spectrum = np.abs(np.fft.rfft(centred, 2 * steps, axis=0)) ** 2
     correlation = np.fft.irfft(spectrum.sum(axis=1))[: steps // 2 + 2]
     inner = correlation[1:-1]

@@ -9,7 +9,7 @@ import numpy as np
 from amb_core.ground.errors import SpectrumError
 from amb_core.ground.units import UM
 from amb_core.loop.records import LoopRecord
-from amb_core.regions.distortion.measurement import PeriodicResponse, distortion_of
+from amb_core.regions.distortion.measurement import PeriodicResponse, check_responses, distortion_of
 from amb_core.regions.distortion.periods import (
     FEWEST_LINES,
     excited_lines,
@@ -50,13 +50,14 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
         If the recording does not permit it, or the records are not of one machine; the message says what is needed.
     """
     axes = axes_of(records)
-    records = [record for record in records if np.isfinite(record.reference).all()]
+    records = _usable(records)
     period, parts = find_periodic_parts([record.reference for record in records])
     if not parts:
         raise SpectrumError(f"the reference repeats no period of its own; {NEEDED}")
     responses = settled_responses(records, period, parts)
     if not all(np.isfinite(item.position).all() and np.isfinite(item.current).all() for item in responses):
         raise SpectrumError("a position or current is not finite in the periods that the reference repeats")
+    check_responses(responses, axes)
     sample_time = records[0].sample_time
     responses = without_repetitions(responses)
     _check_amplitudes(responses)
@@ -74,12 +75,17 @@ def measure_recorded(records: Sequence[LoopRecord]) -> Distortion:
 
 def periodic_once(records: Sequence[LoopRecord]) -> list[LoopRecord]:
     """The records, where the reference repeats only the last period of each part: repetitions show no distortion."""
-    finite = [record for record in records if np.isfinite(record.reference).all()]
-    period, parts = find_periodic_parts([record.reference for record in finite])
+    usable = _usable(records)
+    period, parts = find_periodic_parts([record.reference for record in usable])
     if not parts:
         return list(records)
-    last = [(finite[part.record], part.start + (part.periods - 1) * period) for part in parts]
+    last = [(usable[part.record], part.start + (part.periods - 1) * period) for part in parts]
     return [record.window(record.first_step + start, period) for record, start in last]
+
+
+def _usable(records: Sequence[LoopRecord]) -> list[LoopRecord]:
+    """The records in which a period can be searched for."""
+    return [record for record in records if record.steps and np.isfinite(record.reference).all()]
 
 
 def _check_amplitudes(responses: Sequence[PeriodicResponse]) -> None:

@@ -136,6 +136,8 @@ def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedM
     region = (
         Badge(region_label(worst), states[worst], REGIONS) if classified else Badge("not classified", section=REGIONS)
     )
+    if regions.frozen:
+        region = Badge("sensor dead or stuck", "bad", REGIONS)
     seen = [
         ("worst region", region),
         ("distortion", Badge(evidence.brief.removeprefix("distortion "), section=DISTORTION)),
@@ -151,9 +153,13 @@ def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     text = (
         f"{seconds:.{1 if seconds >= 1.0 else 4}f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
     )
-    if not classification.onsets:
+    if regions.frozen:
+        text += f"{sentence(regions.frozen_problem)}. "
+    if not classification.onsets and not regions.frozen:
         judged = "Region A all the time" if stretches(classification.states) else "Too short to be classified"
         return text + f"{judged}; {evidence.brief}."
+    if not classification.onsets:
+        return text + f"{sentence(evidence.brief)}."
     begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in classification.onsets.items()]
     return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}."
 
@@ -201,6 +207,8 @@ def _regions(regions: RecordedRegions) -> Section:
     blocks: list[Block] = [
         Prose(f"Share of the time in each region: {time}." if time else "Too short to be classified.")
     ]
+    if regions.frozen:
+        blocks.insert(0, Prose(f"{sentence(regions.frozen_problem)}."))
     if rows:
         blocks.append(TableBlock(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
     return Section(REGIONS, blocks)

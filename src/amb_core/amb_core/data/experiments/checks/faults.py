@@ -87,6 +87,18 @@ def check_faults(data: IdentificationData) -> list[Finding]:
     return [_frozen_finding(frozen), _stale_finding(stale, data), _outlier_finding(bad, sizes), _missing_finding(gone)]
 
 
+def frozen_positions(data: IdentificationData) -> list[str]:
+    """Outputs that keep one value while an input of their axis moves, with the steps, as of a dead or stuck sensor."""
+    inputs = len(data.input_names)
+    return [
+        str(_Place(data.output_names[column - inputs], index, item.first_step + first, item.first_step + last))
+        for index, item in enumerate(data.experiments)
+        if item.steps > _FROZEN and np.isfinite(item.signals).all()
+        for column, first, last in _frozen(item)
+        if column >= inputs
+    ]
+
+
 def _names(data: IdentificationData) -> tuple[str, ...]:
     return (*data.input_names, *data.output_names)
 

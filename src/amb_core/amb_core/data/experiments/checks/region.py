@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from amb_core.data.experiments.checks.faults import frozen_positions
 from amb_core.data.experiments.checks.report import Finding, Severity
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.ground.errors import AmbError
@@ -63,6 +64,8 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
             f"no linear model holds outside region A{keep}"
             + (", or excite the resonance less" if resonance else ", or excite less"),
         )
+    if frozen := frozen_positions(data):
+        return Finding("region", Severity.INFO, "not checked: a dead or stuck sensor shows no region", frozen[0])
     if not judged:
         return Finding("region", Severity.INFO, "not checked: the record is too short")
     return Finding("region", Severity.INFO, "region A throughout")
