@@ -265,8 +265,8 @@ class RegionMonitorNode(Node):
         if watch.state is not None:
             region = watch.state.region
             level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(region, diagnostics.WARN)
-            settling = region is Region.A and not watch.state.settled
-            summary = f"region {MEANINGS[region]}" + (", still settling" if settling else "")
+            early = region is Region.A and not watch.state.settled
+            summary = f"region {MEANINGS[region]}" + (", too early for B and C" if early else "")
             values |= shown(watch.state)
             frozen = [axis.name for axis in watch.state.axes if axis.frozen]
             if frozen:

@@ -263,7 +263,7 @@ def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: Loop
 
 
 def test_health_says_whether_the_region_is_judged_yet(monitored: Monitored, drifting: LoopRecord) -> None:
-    for steps, said in ((1_000, "region A, steady bias, still settling"), (9_000, "region A, steady bias")):
+    for steps, said in ((1_000, "region A, steady bias, too early for B and C"), (9_000, "region A, steady bias")):
         last = classify(drifting.window(0, steps)).states[-1]
         assert (last.region, last.settled) == (Region.A, steps == 9_000)
         monitored.play(drifting.window(0, steps))

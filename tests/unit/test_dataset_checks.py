@@ -321,7 +321,10 @@ def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
 def test_what_cannot_be_judged_says_why() -> None:
     assert_finding(check_region(open_loop()), INFO, "not checked: a record of the loop needs the reference")
     short = IdentificationData.from_record(loop_record(steps=2_000))
-    assert_finding(check_region(short), INFO, "not checked: the record is too short")
+    assert_finding(check_region(short), INFO, "not checked: the record is too short for B and C")
+    long = IdentificationData.from_record(loop_record())
+    both = check_region(replace(long, experiments=(*short.experiments, *long.experiments)))
+    assert_finding(both, INFO, "region A throughout, but too short for B and C: experiments 0")
 
 
 # -- any data

@@ -63,7 +63,7 @@ def test_no_region_is_said_of_what_was_never_classified(record, classification) 
     linear = [state for state in classification.states if state.region is Region.A]
     assert "It stays in region A" in sweep_chart(record, replace(in_a, states=linear)).alt
     unsettled = [replace(state, settled=False) for state in linear]
-    assert "It is too short to be classified." in sweep_chart(record, replace(in_a, states=unsettled)).alt
+    assert "It is too short for regions B and C." in sweep_chart(record, replace(in_a, states=unsettled)).alt
 
 
 def test_regions_begin_at_their_input_frequency_over_frequency(record, classification, frequency) -> None:

@@ -176,7 +176,7 @@ def test_no_region_is_said_of_a_run_that_is_too_short_to_be_classified(tmp_path:
     bag = write_bag(tmp_path / "bag", missing=(2_000, STEPS))
     said = CliRunner().invoke(app, ["regions", str(bag), "--out", str(tmp_path / "out")], catch_exceptions=False).stdout
     assert said.count("not classified") == 3  # rotor, x, y
-    assert "too short: B and C were not evaluated" in said
+    assert "too short for B and C: they were not evaluated" in said
     assert "no B, C or D" not in said
 
 
@@ -188,15 +188,15 @@ def test_a_run_that_delevitated_ends_in_region_d(tmp_path: Path) -> None:
 
 
 def test_the_classification_restarts_after_a_gap(tmp_path: Path) -> None:
-    classified = classify_run(Recording.read(write_bag(tmp_path / "bag", missing=(9_000, 13_000))))
-    assert classified.gaps == [(9_000, 13_000)]
+    classified = classify_run(Recording.read(write_bag(tmp_path / "bag", missing=(12_500, 14_000))))
+    assert classified.gaps == [(12_500, 14_000)]
     assert (
-        np.isnan(classified.record.position[9_000:13_000]).all()
-        and np.isfinite(classified.record.position[13_000:]).all()
+        np.isnan(classified.record.position[12_500:14_000]).all()
+        and np.isfinite(classified.record.position[14_000:]).all()
     )
     parts = stretches(classified.classification.states)
-    assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 13_000)]
-    assert parts[0].stop <= 9_000
+    assert [(part.region.name, part.first_step) for part in parts[:2]] == [("A", 0), ("A", 14_000)]
+    assert parts[0].stop <= 12_500
     assert classified.classification.onsets[Region.B].step == pytest.approx(DRIFT, abs=600)
 
 

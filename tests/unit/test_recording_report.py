@@ -116,7 +116,7 @@ def test_a_model_of_data_too_short_to_validate_it_is_shown_and_the_verdict_has_t
     report = recording_report(Recording.read(bag), order=4, certified=True)
     assert report.strip is not None
     assert "No model" not in report.lead
-    assert report.lead.startswith("0.0200 s ") and "Too short to be classified" in report.lead
+    assert report.lead.startswith("0.0200 s ") and "Too short for regions B and C" in report.lead
     assert dict(report.strip.numbers)["worst region"].text == "not classified"
     assert [section.heading for section in report.sections[3:]] == ["Identified model", "Validation", "Robustness"]
     assert (report.strip.verdict.text, report.strip.verdict.section) == ("not validated", "Validation")

@@ -19,6 +19,7 @@ from amb_core.plant import Plant
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.simulation import simulate
 from amb_core.regions import Region, RegionClassifier, RegionParameters, RegionState, classify
+from amb_core.regions.stretches import stretches
 
 RATE = 10_000.0
 PARAMETERS = RegionParameters()
@@ -185,6 +186,32 @@ def test_other_sample_rates() -> None:
 
 
 # -- what is told apart
+
+
+@pytest.mark.parametrize("lost", [0, 9_000])
+def test_a_state_is_settled_once_a_drift_or_an_oscillation_could_have_been_found(lost: int) -> None:
+    """From the start, and after a gap of 100 steps in quiet telemetry."""
+    time = seconds(1.7)
+    since = np.maximum(time - lost / RATE, 0.0)
+    first = {}
+    for name, motion in (("A", 0.0 * time), ("B", -200e-6 * since), ("C", (since > 0.0) * tone(60.0, 10e-6, time))):
+        record = telemetry(motion + 2e-6 * np.sin(2.0 * np.pi * 500.0 * time), tone(500.0, 5e-6, time))
+        classifier = RegionClassifier(PARAMETERS, 1.0 / RATE)
+        if lost:
+            classifier.feed(record.window(0, lost))
+        states = classifier.feed(record.window(lost + 100 if lost else 0, 7_000))
+        first[name] = next(state.step for state in states if state.region.name == name and state.settled)
+        assert not any(state.settled for state in states if state.step < first[name]), name
+    assert 0.55 * RATE < first["A"] - lost <= 0.65 * RATE
+    assert first["B"] == first["C"] == first["A"], "the shortest tests are complete, and these are unmistakable"
+
+
+@pytest.mark.parametrize("duration", [0.4, 0.5, 0.55])
+def test_a_record_that_is_too_short_for_b_is_not_called_region_a(duration: float) -> None:
+    time = seconds(duration)
+    drifting = telemetry(-68e-6 - 300e-6 * time + tone(500.0, 2e-6, time), tone(500.0, 5e-6, time))
+    classification = classify(drifting)
+    assert classification.onsets == {} and stretches(classification.states) == []
 
 
 def test_regions_follow_one_another(eventful: LoopRecord) -> None:

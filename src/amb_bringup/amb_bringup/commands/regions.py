@@ -133,7 +133,7 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
         console.print(f"the input beats with the sample rate from {start:.2f} to {stop:.2f} s{at}")
     if summary["region_at_end"] is None:
-        console.print("too short: B and C were not evaluated", style="yellow")
+        console.print("too short for B and C: they were not evaluated", style="yellow")
         return
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in summary["shares"].items())
     console.print(f"at the end in region {summary['region_at_end']}; share of the time: {shares}")

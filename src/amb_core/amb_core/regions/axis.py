@@ -62,6 +62,8 @@ class AxisClassifier:
         Evidence for region C.
     steady : SteadyLines
         Lines that were there before the excitation.
+    fewest_updates : int
+        Updates in which the shortest tests for B and for C are complete; before them neither could be found.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class AxisClassifier:
         self._hold = round(parameters.hold_time / update)
         self._trend = TrendTest(round(parameters.trend_window / update), update, parameters.false_alarm_rate / 3600.0)
         self.slow = SlowOscillation(axis, parameters, front_end, sample_time, interval)
+        self.fewest_updates = max(self._trend.points, self.slow.fewest_updates)
         self.steady = SteadyLines(samples, PER_INTERVAL, self._rate)
         if parameters.running_speed:
             turning = parameters.running_speed / (2.0 * math.pi) * np.arange(1.0, TURNING_HARMONICS + 1.0)

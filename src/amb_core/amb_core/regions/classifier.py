@@ -174,7 +174,10 @@ class RegionClassifier:
         self._settle()
 
     def _settle(self) -> None:
-        """Classify nothing until the transient is over and has left the windows."""
+        """Classify nothing until the transient is over and has left the windows.
+
+        `_unsettled` counts the updates until then, and below 0 those since.
+        """
         self._unsettled = self._settling + (self._samples + TAPS) // PER_INTERVAL + 1
         self._settled_for = self._quiet = 0
         for axis in self._axes:
@@ -214,7 +217,7 @@ class RegionClassifier:
         return states
 
     def _begin_delevitation(self, step: int, contacts: Sequence[Contact]) -> None:
-        if not self._unsettled and not self._touching:
+        if self._unsettled <= 0 and not self._touching:
             for axis in self._axes:
                 axis.conclude(self._judged)
         for contact in contacts:
@@ -253,8 +256,8 @@ class RegionClassifier:
             return
         self._follow_steady_lines()
         self._note_inputs()
-        self._unsettled = max(self._unsettled - 1, 0)
-        if self._unsettled or self._touching:
+        self._unsettled -= 1
+        if self._unsettled > 0 or self._touching:
             return
         self._judged = self._next - 1 - self._front_end.delay
         for axis in range(self._count):
@@ -315,7 +318,8 @@ class RegionClassifier:
             BearingState(contact.name, max(axes[column].region for column in contact.columns), contact.radius)
             for contact in self._contacts
         )
-        return RegionState(step, tuple(axes), bearings, region, since, self._radius(), self._unsettled == 0)
+        settled = self._unsettled <= 1 - max(axis.fewest_updates for axis in self._axes)
+        return RegionState(step, tuple(axes), bearings, region, since, self._radius(), settled)
 
     def _radius(self) -> float:
         """Largest radial position since the last update (m); of a machine without a radial bearing any displacement."""

@@ -55,6 +55,8 @@ class SlowOscillation:
         Whether a harmonic of the input, folded at the sample rate, explains that line.
     since : int or None
         Step at which the oscillation set in; None without one.
+    fewest_updates : int
+        Updates in which a line of the short window becomes an oscillation.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class SlowOscillation:
         self._short = LineEvidence(
             samples // PER_INTERVAL + 3, samples // PER_INTERVAL // 4, round(parameters.hold_time / update)
         )
+        self.fewest_updates = self._short.persistence
         self._long = LongWindows(
             LOWEST_BIN / self._window_time, update / PER_INTERVAL, alarm_rate, parameters.hold_time
         )

@@ -146,7 +146,8 @@ class RegionState:
     radius : float
         Largest radial position in a radial bearing since the last update (m).
     settled : bool
-        Whether B and C were classified; false in the settling time after a start, a gap or a change of the excitation.
+        Whether B and C could have been found: false after a start, a gap or a change of the excitation, until the
+        settling time is over and their shortest tests are complete, by default for 0.6 s.
     """
 
     step: int

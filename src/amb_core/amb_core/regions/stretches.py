@@ -23,8 +23,7 @@ def stretches(states: Sequence[RegionState]) -> list[Stretch]:
     """The stretches in the states of a run, in order; between them are gaps in the telemetry.
 
     A stretch begins at the estimated onset of its region, which is earlier than the state that first reports it. The
-    time before B and C are first classified counts as A if it turns out to be A. It is left out if they are never
-    classified.
+    time before B and C can first be found counts as A if it turns out to be A. It is left out if it ends before.
     """
     joined: list[Stretch] = []
     for state in states:

@@ -194,10 +194,15 @@ class TrendTest:
         Time between bias points (s).
     false_alarm_rate : float
         False alarms (1/s) that all tests together may raise.
+
+    Attributes
+    ----------
+    points : int
+        Bias points of the shortest test.
     """
 
     def __init__(self, points: int, interval: float, false_alarm_rate: float) -> None:
-        self._points = points
+        self.points = points
         self._interval = interval
         level = false_alarm_rate * interval / 2.0  # at most two tests per interval
         self._critical = -stdtrit(np.arange(1, 2 * (points // 3) - 3), level / 2.0)  # Student's t
@@ -207,7 +212,7 @@ class TrendTest:
     def reset(self) -> None:
         """Forget all points."""
         self._count = 0
-        self._levels = np.zeros((LEVELS, self._points))
+        self._levels = np.zeros((LEVELS, self.points))
         self._counts = np.zeros(LEVELS, np.int64)
         self._pending = np.full(LEVELS, math.nan)
         self._latest = [NO_TREND] * LEVELS
@@ -218,7 +223,7 @@ class TrendTest:
         self._history[-1] = point
         self._count = min(self._count + 1, len(self._history))
         for level in range(push(self._levels, self._counts, self._pending, point)):
-            if self._counts[level] >= self._points:
+            if self._counts[level] >= self.points:
                 self._latest[level] = self._test(level)
         return max(self._latest, key=lambda trend: trend.significance)
 
@@ -253,7 +258,7 @@ class TrendTest:
 
     def _test(self, level: int) -> Trend:
         difference, deviation, correlation = compare_thirds(self._levels[level])
-        third = self._points // 3
+        third = self.points // 3
         # residuals about a line are less correlated than the noise (first-order correction), and few points determine
         # the correlation badly (one standard error to be safe)
         correlation += (3.0 + 3.0 * correlation) / third + 1.0 / math.sqrt(2 * third)
@@ -262,6 +267,6 @@ class TrendTest:
         freedom = max(int(2 * (third - 2) / inflation), 4)
         error = deviation * math.sqrt(2.0 * inflation / third)
         significance = abs(difference) / (error * self._critical[freedom - 1] + 1e-15)
-        slope = difference / ((self._points - third) * self._interval * 2**level)
-        span = self._points << level
+        slope = difference / ((self.points - third) * self._interval * 2**level)
+        span = self.points << level
         return Trend(slope, float(significance), slope * span * self._interval, span)

@@ -20,10 +20,10 @@ export function showRegions(list, region, unjudged = "") {
     const [lamp, name, evidence] = item.children;
     lamp.textContent = unjudged ? "–" : axis.region;
     lamp.dataset.region = unjudged ? "none" : axis.region;
-    const settling = axis.region === "A" && !region.settled; // delevitation is seen at once
-    lamp.dataset.settled = !settling;
+    const early = axis.region === "A" && !region.settled; // delevitation is seen at once
+    lamp.dataset.settled = !early;
     name.firstChild.textContent = axis.name;
-    name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (settling ? ", still settling" : "")}`;
+    name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (early ? ", too early for B and C" : "")}`;
     const text = unjudged ? "" : evidenceOf(axis).join(" · ");
     if (evidence.textContent !== text) evidence.textContent = text;
   });

@@ -191,7 +191,7 @@ def _alt(record: LoopRecord, classification: Classification, with_model: bool, a
     if with_model:
         text += "The response of a linear model is drawn over it. "
     if not stretches(classification.states):
-        return text + "It is too short to be classified."
+        return text + "It is too short for regions B and C."
     if not classification.onsets:
         return text + f"It stays in region A, {REGIONS[Region.A].meaning}."
     begins = [

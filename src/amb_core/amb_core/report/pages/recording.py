@@ -156,7 +156,7 @@ def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     if regions.frozen:
         text += f"{sentence(regions.frozen_problem)}. "
     if not classification.onsets and not regions.frozen:
-        judged = "Region A all the time" if stretches(classification.states) else "Too short to be classified"
+        judged = "Region A all the time" if stretches(classification.states) else "Too short for regions B and C"
         return text + f"{judged}; {evidence.brief}."
     if not classification.onsets:
         return text + f"{sentence(evidence.brief)}."
@@ -205,7 +205,7 @@ def _regions(regions: RecordedRegions) -> Section:
     ]
     time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
     blocks: list[Block] = [
-        Prose(f"Share of the time in each region: {time}." if time else "Too short to be classified.")
+        Prose(f"Share of the time in each region: {time}." if time else "Too short for regions B and C.")
     ]
     if regions.frozen:
         blocks.insert(0, Prose(f"{sentence(regions.frozen_problem)}."))

@@ -37,13 +37,14 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
 
     onsets: list[tuple[Region, int, Onset]] = []
-    judged = False
+    early: list[int] = []  # experiments that end before B and C can be found
     for index in range(len(data.experiments)):
         try:
             classification = classify(data.record(index), parameters)
         except AmbError as reason:
             return Finding("region", Severity.INFO, f"not checked: {reason}")
-        judged = judged or any(state.settled for state in classification.states)
+        if not any(state.settled for state in classification.states):
+            early.append(index)
         onsets += [(region, index, onset) for region, onset in classification.onsets.items()]
     if onsets:
         region, index, onset = max(onsets, key=lambda item: item[0])
@@ -66,6 +67,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         )
     if frozen := frozen_positions(data):
         return Finding("region", Severity.INFO, "not checked: a dead or stuck sensor shows no region", frozen[0])
-    if not judged:
-        return Finding("region", Severity.INFO, "not checked: the record is too short")
-    return Finding("region", Severity.INFO, "region A throughout")
+    if len(early) == len(data.experiments):
+        return Finding("region", Severity.INFO, "not checked: the record is too short for B and C")
+    others = f", but too short for B and C: experiments {', '.join(map(str, early))}" if early else ""
+    return Finding("region", Severity.INFO, f"region A throughout{others}")
