@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -115,6 +117,29 @@ def test_a_child_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyP
     reader = apart.Apart("pathlib:Path", tmp_path / "pipe")
     with pytest.raises(OSError, match="the process that read it has ended"):
         reader.call("read_bytes")
+
+
+LIMITED = """
+import dataclasses, resource, sys
+from pathlib import Path
+from amb_core.data.tables import load_content
+from amb_core.ground.files import apart, limits
+apart.limits_for = lambda path: dataclasses.replace(limits.limits_for(path), memory=1 << 40)
+number, limit = getattr(resource, sys.argv[2]), int(sys.argv[3])
+resource.setrlimit(number, (limit, limit))
+print(load_content(Path(sys.argv[1]))["u"].tolist())
+"""
+
+
+@pytest.mark.parametrize(
+    ("resource", "limit"),
+    [("RLIMIT_CPU", 3_000), ("RLIMIT_AS", 30 << 30), ("RLIMIT_FSIZE", 0), ("RLIMIT_NOFILE", 200)],
+)
+def test_files_are_read_under_hard_limits_of_the_user(tmp_path: Path, resource: str, limit: int) -> None:
+    np.savez(tmp_path / "good.npz", u=np.arange(3.0), Ts=0.1)
+    limited = [sys.executable, "-c", LIMITED, str(tmp_path / "good.npz"), resource, str(limit)]
+    process = subprocess.run(limited, capture_output=True, text=True, check=False)
+    assert process.stdout == "[0.0, 1.0, 2.0]\n", process.stderr
 
 
 def test_a_child_writes_no_file(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ def seal() -> None:
     if _inside:
         first_free = os.dup(2)
         os.close(first_free)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (first_free, first_free))
+        _lower(resource.RLIMIT_NOFILE, first_free)
 
 
 _inside = False
@@ -114,17 +114,29 @@ def _batch(items: Iterator[Any] | None) -> list[Any] | None:
 def _confine(limits: ReadLimits) -> None:
     """No file is written, no core is left, and memory is limited beyond what the process has now."""
     for number in (resource.RLIMIT_FSIZE, resource.RLIMIT_CORE):
-        resource.setrlimit(number, (0, 0))
+        _lower(number, 0)
     with open("/proc/self/statm", encoding="ascii") as file:  # noqa: PTH123
         now = int(file.read().split()[0]) * resource.getpagesize()
-    resource.setrlimit(resource.RLIMIT_AS, (now + limits.memory, now + limits.memory))
+    _lower(resource.RLIMIT_AS, now + limits.memory)
+
+
+def _lower(number: int, limit: int) -> None:
+    """Limit a resource for good, or as the user has, if that is less: no limit may be raised."""
+    limit = _at_most(limit, *resource.getrlimit(number))
+    resource.setrlimit(number, (limit, limit))
+
+
+def _at_most(limit: int, *others: int) -> int:
+    """The least of several limits."""
+    return min(limit, *(other for other in (limit, *others) if other != resource.RLIM_INFINITY))
 
 
 def _answer(channel: socket.socket, limits: ReadLimits, encoder: Encoder, action: Callable[[], Any]) -> None:
     """Send what an action returns or raises. The kernel ends a process that takes too long."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     allowed = int(usage.ru_utime + usage.ru_stime + limits.seconds) + 1
-    resource.setrlimit(resource.RLIMIT_CPU, (allowed, resource.RLIM_INFINITY))
+    resource.setrlimit(resource.RLIMIT_CPU, (_at_most(allowed, hard), hard))
     signal.setitimer(signal.ITIMER_REAL, limits.longest_wait)
     try:
         parts = encoder.encode(["value", action()])
