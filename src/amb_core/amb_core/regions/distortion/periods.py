@@ -51,8 +51,9 @@ def find_periodic_parts(references: Sequence[Signal]) -> tuple[int, list[Periodi
         References of the records (m).
     """
     longest, best = 0, (0, list[PeriodicPart]())
+    searched = [_Searched.of(item) for item in references]
     for period in sorted({candidate for item in references for candidate in _candidates(item)}):
-        parts = periodic_parts(references, period)
+        parts = _periodic_parts(searched, period)
         steps = period * sum(part.periods for part in parts)
         if _AS_GOOD * steps > longest:
             longest, best = steps, (period, parts)
@@ -61,10 +62,33 @@ def find_periodic_parts(references: Sequence[Signal]) -> tuple[int, list[Periodi
 
 def periodic_parts(references: Sequence[Signal], period: int) -> list[PeriodicPart]:
     """All parts of two periods or more of references with a known period (samples), but those by chance."""
-    parts = [part for index, item in enumerate(references) for part in _parts(index, item, period)]
-    moves = [_moves(item) for item in references]
-    inside = [moves[part.record][part.start : part.start + part.periods * period] for part in parts]
-    of_all, of_parts = (sum(np.count_nonzero(item) for item in items) for items in (moves, inside))
+    return _periodic_parts([_Searched.of(item) for item in references], period)
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """A reference, the difference of samples that are the same (m), and whether it moves from each to the next."""
+
+    reference: Signal
+    tolerance: float
+    moves: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, reference: Signal) -> _Searched:
+        tolerance = _SAME * _range(reference)
+        return cls(reference, tolerance, np.any(np.abs(np.diff(reference, axis=0)) > tolerance, axis=1))
+
+
+def _range(reference: Signal) -> float:
+    """Largest range of a column (m); NumPy is slow along the columns of a narrow array."""
+    return max((float(np.ptp(column)) for column in reference.T if len(column)), default=0.0)
+
+
+def _periodic_parts(searched: Sequence[_Searched], period: int) -> list[PeriodicPart]:
+    parts = [part for index, item in enumerate(searched) for part in _parts(index, item, period)]
+    inside = [searched[part.record].moves[part.start : part.start + part.periods * period] for part in parts]
+    of_all = sum(np.count_nonzero(item.moves) for item in searched)
+    of_parts = sum(np.count_nonzero(item) for item in inside)
     if of_parts >= _MOST_MOVES * of_all:
         return parts
     return [part for part, item in zip(parts, inside, strict=True) if np.count_nonzero(item[period:]) >= _FEWEST_MOVES]
@@ -134,22 +158,16 @@ def _candidates(reference: Signal) -> list[int]:
     return [int(lag) for lag in lags[np.argsort(-correlation[lags], kind="stable")][:_MOST_CANDIDATES]]
 
 
-def _parts(index: int, reference: Signal, period: int) -> list[PeriodicPart]:
+def _parts(index: int, searched: _Searched, period: int) -> list[PeriodicPart]:
     """Parts of a reference of two whole periods or more in which it moves."""
+    reference, tolerance = searched.reference, searched.tolerance
     if len(reference) < 2 * period:
         return []
-    tolerance = _SAME * np.ptp(reference, axis=0).max()
     same = np.all(np.abs(reference[period:] - reference[:-period]) <= tolerance, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))).reshape(-1, 2)
     parts = []
     for start, stop in edges:
         periods = int(stop - start) // period + 1
-        if periods >= 2 and np.ptp(reference[start : start + period], axis=0).max() > tolerance:
+        if periods >= 2 and _range(reference[start : start + period]) > tolerance:
             parts.append(PeriodicPart(index, int(start), periods))
     return parts
-
-
-def _moves(reference: Signal) -> NDArray[np.bool_]:
-    """Whether the reference moves from each sample to the next."""
-    tolerance = _SAME * np.ptp(reference, axis=0).max(initial=0.0)
-    return np.asarray(np.any(np.abs(np.diff(reference, axis=0)) > tolerance, axis=1))
