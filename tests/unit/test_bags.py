@@ -17,7 +17,7 @@ import amb_core
 from amb_bringup.cli import app
 from amb_core.ground.errors import BagError
 from amb_core.loop.control import ControllerParameters
-from amb_core.recording import BagWriter, Recording, read_overview
+from amb_core.recording import BagWriter, Recording, read_overview, read_runs
 from tests.bag_messages import TYPES, definition
 from tests.written_bags import (
     BLOCK,
@@ -333,6 +333,26 @@ def test_bag_info_shows_runs_only_if_asked(bag_folder: Path) -> None:
     assert "/amb/telemetry" in brief.output
     assert "steps 0 to" not in brief.output
     assert "steps 0 to" in CliRunner().invoke(app, ["bag", "info", str(bag_folder), "--runs"]).output
+
+
+def test_the_runs_of_a_bag_are_those_of_its_recording_and_no_sample_is_kept(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/amb/telemetry", LOOP_SAMPLES, definition(LOOP_SAMPLES))
+        bag.add_topic("/amb/excitation_status", STATUS, definition(STATUS))
+        bag.write("/amb/excitation_status", status(5, 100, 200), 0)
+        for number, (run, step) in enumerate([(4, 0), (5, 0), (5, 100), (4, 100), (5, 200), (5, 400)]):
+            bag.write("/amb/telemetry", block(run, step), number)
+    recording = Recording.read(tmp_path / "bag")
+    runs, model = read_runs(tmp_path / "bag")
+    assert [run.run for run in runs] == recording.runs == [4, 5]
+    assert [run.excitations for run in runs] == [recording.excitations(run.run) for run in runs]
+    assert [(run.audit.first, run.audit.stop, run.audit.gaps()) for run in runs] == [
+        (0, 200, []),
+        (0, 500, [(300, 400)]),
+    ]
+    assert (runs[1].sample_time, model) == (1e-4, None)
+    shown = " ".join(CliRunner().invoke(app, ["bag", "info", str(tmp_path / "bag"), "--runs"]).output.split())
+    assert "steps 0 to 199, 0.02 s" in shown and "steps 0 to 499, 100 missing" in shown
 
 
 @pytest.mark.parametrize("custom", [["x"], {"written_by": 1}, {"other": "x"}, "x"], ids=str)

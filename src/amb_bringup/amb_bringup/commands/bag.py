@@ -16,10 +16,9 @@ from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.terminal import Terminal
-from amb_core.ground.errors import BagError
 
 if TYPE_CHECKING:
-    from amb_core.recording import Recording, TopicInfo
+    from amb_core.recording import RunOverview, TopicInfo
 
 app = typer.Typer(help="Inspect, play, recover and export bags.", no_args_is_help=True)
 
@@ -33,11 +32,11 @@ def bag() -> None:
 def info(
     bag: Annotated[Path, typer.Argument(help="Folder of a bag, or an .mcap or .db3 file.")],
     runs: Annotated[
-        bool, typer.Option("--runs", help="Also runs, excitations and the last model: reads the whole bag into memory.")
+        bool, typer.Option("--runs", help="Also runs, excitations and the last model: reads the whole bag.")
     ] = False,
 ) -> None:
     """Show duration and topics of a bag, even if the bag is incomplete."""
-    from amb_core.recording import Recording, read_overview
+    from amb_core.recording import read_overview, read_runs
 
     overview = read_overview(bag)
     console = Terminal()
@@ -46,15 +45,11 @@ def info(
     warn_of_damage(console, bag, overview.damage)
     console.print(_topics(overview.topics))
     if runs:
-        _show_runs(console, Recording.read(bag))
-
-
-def _show_runs(console: Terminal, recording: Recording) -> None:
-    if recording.runs:
-        console.print(_runs(recording))
-    model = recording.model()
-    if model is not None:
-        console.print(f"last model: order {model.order}, {model.method}, from {model.source}")
+        every, model = read_runs(bag)
+        if every:
+            console.print(_runs(every))
+        if model is not None:
+            console.print(f"last model: order {model.order}, {model.method}, from {model.source}")
 
 
 @app.command()
@@ -117,19 +112,16 @@ def _topics(topics: list[TopicInfo]) -> Table:
     return table
 
 
-def _runs(bag: Recording) -> Table:
-
+def _runs(runs: list[RunOverview]) -> Table:
     table = Table("run", "telemetry", "excitations")
-    for run in bag.runs:
-        try:
-            record = bag.telemetry(run)
-            end = record.first_step + record.steps - 1
-            telemetry: str | Text = f"steps {record.first_step} to {end}, {record.steps * record.sample_time:g} s"
-        except BagError as problem:
-            telemetry = Text(str(problem), "yellow")
+    for run in runs:
+        steps = run.audit
+        telemetry: str | Text = f"steps {steps.first} to {steps.stop - 1}, {steps.samples * run.sample_time:g} s"
+        if steps.lost() or steps.doubled or steps.out_of_order:
+            telemetry = Text(steps.describe(), "yellow")
         excitations = [
             f"{item.kind}: " + (f"{item.steps} steps from {item.first_step}" if item.accepted else "refused")
-            for item in bag.excitations(run)
+            for item in run.excitations
         ]
-        table.add_row(str(run), telemetry, "\n".join(excitations) or "none")
+        table.add_row(str(run.run), telemetry, "\n".join(excitations) or "none")
     return table

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from amb_core.recording.recorded_runs import RecordedRuns
     from amb_core.recording.recording import Recording
     from amb_core.recording.recovery import BagState, inspect_bag, recover_bag
+    from amb_core.recording.run_overview import RunOverview, read_runs
     from amb_core.recording.step_audit import StepAudit, audit_steps
     from amb_core.recording.topic_info import TopicInfo
     from amb_core.recording.writer import BagWriter
@@ -21,11 +22,13 @@ __all__ = [
     "BagWriter",
     "RecordedRuns",
     "Recording",
+    "RunOverview",
     "StepAudit",
     "TopicInfo",
     "audit_steps",
     "inspect_bag",
     "read_overview",
+    "read_runs",
     "recover_bag",
 ]
 
@@ -35,11 +38,13 @@ _MODULES = {
     "BagWriter": "writer",
     "RecordedRuns": "recorded_runs",
     "Recording": "recording",
+    "RunOverview": "run_overview",
     "StepAudit": "step_audit",
     "TopicInfo": "topic_info",
     "audit_steps": "step_audit",
     "inspect_bag": "recovery",
     "read_overview": "overview",
+    "read_runs": "run_overview",
     "recover_bag": "recovery",
 }
 
