@@ -1,4 +1,4 @@
-"""What the workbench uses of rclpy: public names, and one replaced method that is tried with every version of rclpy."""
+"""What the workbench uses of rclpy: public names, and in one module what rclpy does not promise."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import ast
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from amb_ros import deferred_answers
+from amb_ros import rclpy_inside
 
 ROOT = Path(__file__).parents[2]
 PUBLIC = {"_exit", "_asdict", "_replace", "_fields"}  # documented names of os and of named tuples
+CHANGED = {"callback", "send_response", "read_only"}
 SOURCES = [
     file for folder in ("src", "amb_*_node") for file in ROOT.glob(f"{folder}/**/*.py") if "build" not in file.parts
 ]
@@ -47,10 +48,21 @@ def test_no_method_of_a_class_of_rclpy_is_replaced_by_its_mangled_name() -> None
                 assert "__" not in node.name.strip("_"), f"{file.relative_to(ROOT)}: {node.name}"
 
 
-def test_the_replaced_method_was_seen_with_this_version_of_rclpy() -> None:
+def test_one_module_changes_objects_of_rclpy() -> None:
+    changing = {
+        file.name
+        for file in SOURCES
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Attribute) and node.attr in CHANGED and isinstance(node.ctx, ast.Store)
+        if "amb_ros" in file.parts or file.parent.name.endswith("_node")
+    }
+    assert changing == {"rclpy_inside.py"}
+
+
+def test_what_rclpy_does_not_promise_was_seen_with_this_minor_version() -> None:
     """After an update of rclpy: run the graph tests, then change `SEEN_WITH`."""
     try:
         installed = version("ros-jazzy-rclpy")  # of the wheels
     except PackageNotFoundError:
         installed = version("rclpy")  # of a ROS 2 installation
-    assert installed.rpartition(".")[0] == deferred_answers.SEEN_WITH.rpartition(".")[0]
+    assert installed.rpartition(".")[0] == rclpy_inside.SEEN_WITH.rpartition(".")[0]

@@ -1,8 +1,7 @@
-"""Answers that a worker sends: the one module that changes how rclpy handles a service.
+"""Answers that a worker sends.
 
 EventsExecutor of Jazzy neither runs coroutines as callbacks of services nor has a second thread. So the callback only
-hands a request over, and the `send_response` that the executor calls next leaves the work to a worker. That executors
-look up `callback` and `send_response` of a service at every request is no promise of rclpy: seen with `SEEN_WITH`.
+hands a request over, and the `send_response` that the executor calls next leaves the work to a worker.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ from typing import Any
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 
-SEEN_WITH = "7.1.6"
-"""Version of rclpy with which the tests of this module passed."""
+from amb_ros.rclpy_inside import replace_handling
 
 Work = Callable[..., Any]
 Arrival = Callable[[Any], tuple[Any, ...]]
@@ -60,4 +58,4 @@ def answer_by(
         else:
             worker.submit(do, call, header, number)
 
-    service.callback, service.send_response = hand_over, take
+    replace_handling(service, hand_over, take)

@@ -22,6 +22,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from amb_core.ground.errors import AmbError, bounded, one_line
 from amb_ros.alarms import RecentProblem
 from amb_ros.deferred_answers import answer_by
+from amb_ros.rclpy_inside import call
 
 ACTIVATE, DEACTIVATE, SHUTDOWN = "activate", "deactivate", "shutdown"
 LONGEST_LABEL = 50  # characters of a request that are repeated in the log
@@ -100,13 +101,13 @@ class ManagedNode(LifecycleNode):
 
     def _present_state(self) -> State:
         service = self._service_of(GetState, "get_state")
-        state: State = service.callback(GetState.Request(), GetState.Response()).current_state
+        state: State = call(service, GetState.Request(), GetState.Response()).current_state
         return state
 
     def _allowed(self) -> dict[str, int]:
         """Numbers of the transitions that the present state allows, by their labels."""
         kind = GetAvailableTransitions
-        answer = self._service_of(kind, "get_available_transitions").callback(kind.Request(), kind.Response())
+        answer = call(self._service_of(kind, "get_available_transitions"), kind.Request(), kind.Response())
         return {item.transition.label: item.transition.id for item in answer.available_transitions}
 
     def _note_leaving(self, request: Any) -> tuple[()]:

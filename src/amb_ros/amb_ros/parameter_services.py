@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from amb_core.ground.errors import ParameterError, one_line
 from amb_core.ground.parameters import Declaration
 from amb_core.recording.messages.parameters import parameters_from_messages
+from amb_ros.rclpy_inside import replace_handling
 
 
 def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> None:
@@ -54,7 +55,7 @@ def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> Non
     callbacks: dict[Any, Any] = {SetParameters: set_each, SetParametersAtomically: set_all}
     for service in node.services:
         if service.srv_type in callbacks:
-            service.callback = callbacks[service.srv_type]
+            replace_handling(service, callbacks[service.srv_type])
 
 
 def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Declaration]) -> Parameter:

@@ -21,6 +21,7 @@ from amb_core.ground.parameters import (
     validate,
 )
 from amb_ros.parameter_services import guard_parameter_services
+from amb_ros.rclpy_inside import set_read_only, writable
 
 P = TypeVar("P", bound=Parameters)
 
@@ -91,15 +92,8 @@ def replace(node: Node, values: Parameters) -> None:
     ]
     if not changes:
         return
-    # rclpy has no way for a node to set its own read-only parameters. The descriptors are its own, not copies.
-    locked = [item for item in node.describe_parameters([change.name for change in changes]) if item.read_only]
-    for item in locked:
-        item.read_only = False
-    try:
+    with writable(node, [change.name for change in changes]):
         result = node.set_parameters_atomically(changes)
-    finally:
-        for item in locked:
-            item.read_only = True
     if not result.successful:
         raise ParameterError(f"{node.get_fully_qualified_name()}: {result.reason}")
 
@@ -120,15 +114,13 @@ def typed_parameter(name: str, value: object) -> Parameter:
 
 
 def _declare(node: Node, declaration: Declaration, value: object, read_only: bool) -> None:
-    descriptor = _descriptor(declaration, read_only)
     if value != ():
-        node.declare_parameter(declaration.name, value, descriptor, ignore_override=True)
+        node.declare_parameter(declaration.name, value, _descriptor(declaration, read_only), ignore_override=True)
         return
     # rclpy declares no empty list of numbers, but it can be set to one afterwards.
-    descriptor.read_only = False
-    node.declare_parameter(declaration.name, [0.0], descriptor, ignore_override=True)
+    node.declare_parameter(declaration.name, [0.0], _descriptor(declaration, read_only=False), ignore_override=True)
     node.set_parameters([typed_parameter(declaration.name, ())])
-    node.describe_parameter(declaration.name).read_only = read_only
+    set_read_only(node, declaration.name, read_only)
 
 
 def _descriptor(declaration: Declaration, read_only: bool) -> ParameterDescriptor:

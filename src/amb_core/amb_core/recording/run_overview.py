@@ -68,7 +68,8 @@ def read_runs(path: str | Path) -> tuple[list[RunOverview], StateSpaceModel | No
             answers.append(answer_from_message(content))
         elif message.type == LOOP_SAMPLES:
             block, number = block_from_message(content), int(content.run)
-            run = runs[number] = runs.pop(number, None) or RunOverview(number, block.sample_time)
+            run = runs.pop(number) if number in runs else RunOverview(number, block.sample_time)
+            runs[number] = run  # the last one that was written is the last
             run.audit.add(block.first_step, block.steps)
         elif kind_of(message.topic, message.type) != CONTROLLER:
             model = content
