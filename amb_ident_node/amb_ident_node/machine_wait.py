@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 from amb_core.loop.machine import Machine
+from amb_core.loop.records import LoopRecord
+from amb_ident_node.completeness import forget_oldest
 
 MOST_STEPS = 300_000  # kept at most: half a minute of a 10 kHz loop, 30 MB of four axes
+MOST_MESSAGES = 30_000  # with telemetry or without
+MOST_GIVEN_UP = 1_000  # names of axes that nobody described
+
+
+class Telemetry(NamedTuple):
+    """A block of telemetry of a run."""
+
+    run: int
+    block: LoopRecord
 
 
 class MachineWait:
@@ -39,10 +49,10 @@ class MachineWait:
         self._since = 0.0
         self._held: list[Any] = []
         self._run: int | None = None  # of the last telemetry that passed
-        self._given_up: set[tuple[str, ...]] = set()  # axes that have waited long enough
+        self._given_up: dict[tuple[str, ...], None] = {}  # axes that have waited long enough
 
     def add(self, message: Any, now: float) -> list[Any]:
-        """Take in a message at a time (s); the messages to process now, in order."""
+        """Take in `Telemetry` or another message at a time (s); the messages to process now, in order."""
         axes, steps = _telemetry(message)
         if not self.missing and not self._waits(message, axes):
             if axes:
@@ -52,7 +62,7 @@ class MachineWait:
             self.missing, self._since = axes, now
         self._held.append(message)
         self.steps += steps
-        return self._give_up(now) if self.steps >= MOST_STEPS else []
+        return self._give_up(now) if self.steps >= MOST_STEPS or len(self._held) >= MOST_MESSAGES else []
 
     def use(self, machine: Machine, now: float) -> list[Any]:
         """A machine has arrived; the messages to process now."""
@@ -70,7 +80,8 @@ class MachineWait:
         return bool(axes) and message.run != self._run and axes != known and axes not in self._given_up
 
     def _give_up(self, now: float) -> list[Any]:
-        self._given_up.add(self.missing)
+        self._given_up[self.missing] = None
+        forget_oldest(self._given_up, MOST_GIVEN_UP)
         return self._release(now)
 
     def _release(self, now: float) -> list[Any]:
@@ -81,5 +92,4 @@ class MachineWait:
 
 def _telemetry(message: Any) -> tuple[tuple[str, ...], int]:
     """Axes and number of steps of a block of telemetry; nothing for any other message."""
-    axes: Iterable[Any] = getattr(message, "axes", ())
-    return tuple(axis.name for axis in axes), max((len(axis.position) for axis in axes), default=0)
+    return (message.block.axes, message.block.steps) if isinstance(message, Telemetry) else ((), 0)

@@ -25,7 +25,7 @@ from amb_core.recording.messages.region_map import fill_region_map, map_settings
 from amb_core.recording.messages.region_state import fill_region_state
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_core.regions.rehearsal import rehearse
-from amb_ident_node.machine_wait import MachineWait
+from amb_ident_node.machine_wait import MachineWait, Telemetry
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_ident_node.region_monitor_parameters import RegionMonitorParameters
@@ -80,10 +80,10 @@ class RegionMonitorNode(Node):
         self._map_publisher = self.create_publisher(RegionMap, topics.REGION_MAP, LATCHED)
         self._machine_input = MachineInput(self, self._on_machine)
         self._telemetry_subscription = create_subscription(
-            self, LoopSamples, topics.TELEMETRY, self._on_message, HISTORY
+            self, LoopSamples, topics.TELEMETRY, self._on_telemetry, HISTORY
         )
         self._state_subscription = create_subscription(
-            self, SimulatorState, topics.SIMULATOR_STATE, self._on_message, EVERY_STATE
+            self, SimulatorState, topics.SIMULATOR_STATE, self._take, EVERY_STATE
         )
         self._bridge_subscription = create_subscription(
             self, BridgeState, topics.BRIDGE_STATE, self._on_bridge_state, EVERY_STATE
@@ -110,27 +110,30 @@ class RegionMonitorNode(Node):
         self._watch.use(machine)
         self._process(self._wait.use(machine, time.monotonic()))
 
-    def _on_message(self, message: LoopSamples | SimulatorState) -> None:
+    def _on_telemetry(self, message: LoopSamples) -> None:
+        try:
+            self._take(Telemetry(message.run, block_from_message(message)))
+        except BagError as problem:
+            self._malformed += 1
+            self._note_left_out(one_line(problem))
+
+    def _take(self, message: Telemetry | SimulatorState) -> None:
         self._process(self._wait.add(message, time.monotonic()))
 
     def _on_wait_timer(self) -> None:
         self._process(self._wait.expire(time.monotonic()))
 
-    def _process(self, messages: list[LoopSamples | SimulatorState]) -> None:
+    def _process(self, messages: list[Telemetry | SimulatorState]) -> None:
         for message in messages:
-            if isinstance(message, LoopSamples):
-                self._on_telemetry(message)
+            if isinstance(message, Telemetry):
+                self._classify(message)
             else:
                 self._on_simulator_state(message)
 
-    def _on_telemetry(self, message: LoopSamples) -> None:
+    def _classify(self, telemetry: Telemetry) -> None:
         restarts = self._watch.restarts
         try:
-            states = self._watch.add_block(message.run, block_from_message(message))
-        except BagError as problem:
-            self._malformed += 1
-            self._note_left_out(one_line(problem))
-            return
+            states = self._watch.add_block(telemetry.run, telemetry.block)
         except RegionError as problem:
             self._note_left_out(one_line(problem))
             return

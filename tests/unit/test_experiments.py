@@ -91,6 +91,13 @@ def test_the_buffer_keeps_the_latest_samples() -> None:
         buffer.record(650, 900)
 
 
+def test_blocks_without_steps_take_bounded_memory() -> None:
+    buffer = ExperimentBuffer(capacity=250)
+    for number in range(1_000):
+        buffer.add_block(1, block(number, steps=0))
+    assert len(buffer._blocks) <= 250
+
+
 def test_the_buffer_starts_afresh_with_a_run_or_a_restarted_simulator() -> None:
     buffer = ExperimentBuffer(capacity=1000)
     buffer.add_block(1, block(0))

@@ -5,10 +5,12 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
-from amb_ident_node.machine_wait import MOST_STEPS, MachineWait
+from amb_core.loop.records import LoopRecord
+from amb_ident_node.machine_wait import MOST_GIVEN_UP, MOST_MESSAGES, MOST_STEPS, MachineWait, Telemetry
 
 TIMEOUT = 5.0  # s
 
@@ -18,9 +20,9 @@ def machine(*axes: str) -> Machine:
     return Machine("rig", "bridge", 1e4, described, (MachineBearing("a", 2e-4),))
 
 
-def block(run: int, first: int, *axes: str, steps: int = 100) -> Any:
-    parts = [SimpleNamespace(name=name, position=[0.0] * steps) for name in axes]
-    return SimpleNamespace(run=run, first_step=first, axes=parts)
+def block(run: int, first: int, *axes: str, steps: int = 100) -> Telemetry:
+    samples = np.zeros((steps, len(axes)))
+    return Telemetry(run, LoopRecord(first, 1e-4, samples, samples, samples, axes))
 
 
 def state(run: int) -> Any:
@@ -44,8 +46,7 @@ def test_telemetry_waits_for_its_machine_and_keeps_its_order(wait: MachineWait) 
 
 
 def test_other_messages_pass_while_nothing_waits(wait: MachineWait) -> None:
-    for message in (state(1), block(1, 0)):
-        assert wait.add(message, 0.0) == [message]
+    assert wait.add(message := state(1), 0.0) == [message]
 
 
 def test_a_run_of_other_axes_waits_for_another_machine(wait: MachineWait) -> None:
@@ -77,6 +78,19 @@ def test_what_waits_is_bounded(wait: MachineWait) -> None:
     messages = [block(1, 0, "x", steps=large), block(1, large, "x", steps=large)]
     assert wait.add(messages[0], 0.0) == []
     assert wait.add(messages[1], 0.0) == messages
+
+
+def test_the_number_of_messages_that_wait_is_bounded(wait: MachineWait) -> None:
+    wait.add(block(1, 0, "x", steps=1), 0.0)
+    passed = [wait.add(state(1), 0.0) for _ in range(MOST_MESSAGES)]
+    assert [len(messages) for messages in passed if messages] == [MOST_MESSAGES, 1]
+
+
+def test_axes_that_nobody_described_take_bounded_memory(wait: MachineWait) -> None:
+    for number in range(MOST_GIVEN_UP + 10):
+        wait.add(block(number, 0, f"x{number}", steps=1), float(number))
+        assert len(wait.expire(number + TIMEOUT)) == 1
+    assert len(wait._given_up) == MOST_GIVEN_UP
 
 
 def test_a_second_run_of_axes_without_a_machine_waits_on_its_own(wait: MachineWait) -> None:

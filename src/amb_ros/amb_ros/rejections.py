@@ -15,6 +15,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from amb_ros.qos import EVERY_STATE
 
+KEPT_REASONS = 100  # of goals of any client
+
 
 class RejectionPublisher:
     """Publishes why the goals of an action are rejected, and logs it."""
@@ -34,7 +36,7 @@ class RejectionListener:
     """Collects the reasons why goals of an action were rejected."""
 
     def __init__(self, node: Node, action: str) -> None:
-        self._reasons: dict[str, str] = {}
+        self._reasons: dict[str, str] = {}  # by digest, the latest at the end
         node.create_subscription(KeyValue, f"{action}/rejection", self._on_rejection, EVERY_STATE)
 
     def reason(self, goal: Any) -> str | None:
@@ -46,7 +48,10 @@ class RejectionListener:
         self._reasons.pop(goal_digest(goal), None)
 
     def _on_rejection(self, message: KeyValue) -> None:
+        self._reasons.pop(message.key, None)
         self._reasons[message.key] = message.value
+        if len(self._reasons) > KEPT_REASONS:
+            del self._reasons[next(iter(self._reasons))]
 
 
 def goal_digest(goal: Any) -> str:

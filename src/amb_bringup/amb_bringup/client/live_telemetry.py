@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from amb_bringup.client.connection import GraphConnection
+from amb_core.ground.errors import BagError
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import StepCoverage, merge_blocks
 from amb_core.recording.messages.loop_samples import block_from_message
@@ -65,9 +66,12 @@ class LiveTelemetry:
         return max((state.region for state in seen() if first_step <= state.step < stop), default=0)
 
     def _on_telemetry(self, message: LoopSamples) -> None:
+        try:
+            block = block_from_message(message)
+        except BagError:  # of anybody; samples that are missing are reported when they are asked for
+            return
         if message.run > self._run:
             self._run, self._blocks, self._coverage = int(message.run), [], StepCoverage()
         if message.run == self._run:
-            block = block_from_message(message)
             self._blocks.append(block)
             self._coverage.add(block.first_step, block.steps)

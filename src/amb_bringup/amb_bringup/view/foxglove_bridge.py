@@ -25,6 +25,7 @@ from amb_core.recording.export.message_types import step_times
 from amb_core.recording.export.spectra import RunSpectra
 from amb_core.recording.export.status import BRIDGE_STATE
 from amb_core.recording.messages.loop_samples import block_from_message
+from amb_core.recording.messages.time_stamp import LONGEST_TIME
 from amb_ros import topics
 from amb_ros.definitions import message_definition
 
@@ -101,14 +102,13 @@ class FoxgloveBridge:
             self._take_state(KINDS[topic], message, getattr(message, "sample_time", self._sample_time))
 
     def _take_state(self, kind: str, message: Any, sample_time: float) -> None:
-        if sample_time <= 0.0:
-            return  # of a bridge that is not configured, or of a region whose run is not known yet
+        time = log_time(message.step, sample_time)
+        if time is None:
+            return
         channel = self._channel(STATES[kind], kind, lambda: message_definition(kind))
-        channel.log(serialize_message(message), log_time=int(step_times(message.step, sample_time)))
+        channel.log(serialize_message(message), log_time=time)
 
     def _take_samples(self, run: int, block: LoopRecord) -> None:
-        if not block.steps:
-            return
         samples = self._samples
         if samples is None or (samples.run, samples.axes, samples.sample_time) != (run, block.axes, block.sample_time):
             if samples is None or samples.axes != block.axes:  # then the messages have other fields
@@ -131,6 +131,16 @@ class FoxgloveBridge:
                 topic, schema=schema, message_encoding="cdr", context=self._context
             )
         return self._channels[topic]
+
+
+def log_time(step: int, sample_time: float) -> int | None:
+    """Time of a step (ns) at a sample time (s); None for a time that no run has.
+
+    So it is with the state of a bridge that is not configured, with a region whose run is not known yet, and with what
+    anybody may publish.
+    """
+    runs = sample_time > 0.0 and step * sample_time <= LONGEST_TIME
+    return int(step_times(step, sample_time)) if runs else None
 
 
 class _Samples:

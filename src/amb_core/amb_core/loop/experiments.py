@@ -163,7 +163,7 @@ class ExperimentBuffer:
     Parameters
     ----------
     capacity : int
-        Number of steps kept; the oldest are dropped.
+        Number of steps kept, and of blocks, which may be empty; the oldest are dropped.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -203,7 +203,7 @@ class ExperimentBuffer:
                 self._excitations = {known: None for known in self._excitations if known.run >= run}
             self._blocks.append(block)
             self._steps += block.steps
-            while self._steps - self._blocks[0].steps >= self._capacity:
+            while self._steps - self._blocks[0].steps >= self._capacity or len(self._blocks) > self._capacity:
                 self._steps -= self._blocks.popleft().steps
 
     def add_excitation(self, excitation: AppliedExcitation) -> None:

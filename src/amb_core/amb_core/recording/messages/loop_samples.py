@@ -27,7 +27,8 @@ def block_from_message(message: Any) -> LoopRecord:
     Raises
     ------
     BagError
-        If its arrays differ in length, it has no axes or two of one name, or its sample time or step is out of range.
+        If it has no steps, no axes or two of one name, its arrays differ in length, or its sample time or step is out
+        of range.
     """
     where = f"telemetry block of run {message.run} at step {message.first_step}"
     names, signals = _first_layout(message) if hasattr(message, "position_x") else _by_axis(message)
@@ -38,6 +39,8 @@ def block_from_message(message: Any) -> LoopRecord:
             f"{where}: its axes have the names {bounded(str(list(names)), 200)}; allowed: at least one axis, each with "
             f"its name of at most {LONGEST_NAME} characters"
         )
+    if not len(signals[0][0]):
+        raise BagError(f"{where}: it has no steps; allowed: 1 or more")
     reference, position, current = map(_columns, signals)
     block = LoopRecord(int(message.first_step), float(message.sample_time), reference, position, current, names)
     if not SHORTEST_SAMPLE_TIME <= block.sample_time <= LONGEST_SAMPLE_TIME:
