@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
 from amb_controller_node.parameters import CommonParameters
-from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, MessageError, one_line
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
@@ -96,7 +96,11 @@ class ControllerNode(Node):
     # -- the loop
 
     def _on_position(self, data: bytes) -> None:
-        run, step, time, position = unpack_position(data)
+        try:
+            run, step, time, position = unpack_position(data)
+        except MessageError as problem:
+            self._refuse(f"a position is not answered: {problem}")
+            return
         if (run != self._run or self._machine is None) and not self._use_machine(data, run, len(position)):
             return
         if step > self._last_step or len(position) != len(self._axes) or not _all_within(LARGEST_POSITION, position):
@@ -192,11 +196,13 @@ class ControllerNode(Node):
     def _refuse_position(self, run: int, step: int, position: Sequence[float]) -> None:
         """Do not answer a position that would corrupt the controller state, and report it until others follow."""
         shown = ", ".join(f"{value:g}" for value in position[: len(self._axes) + 1])
-        error = (
+        self._refuse(
             f"position {shown} m at step {step} of run {run} is not answered; allowed: finite values up to "
             f"{LARGEST_POSITION:g} m of the {len(self._axes)} axes {', '.join(self._axes)}, and steps up to "
             f"{self._last_step}"
         )
+
+    def _refuse(self, error: str) -> None:
         self._refused_positions += 1
         self.get_logger().error(error, throttle_duration_sec=5.0)
         self._refused_after = self._run, self._step

@@ -393,7 +393,9 @@ class HardwareBridgeNode(ManagedNode):
         known, settings = self._watch.known, self._settings
         limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
         problem = self._watch.latched() or self._unsent or self._failure()
-        return report(self.state_label, self._watch, self._link, limits, problem, self._losses.text(self._link))
+        refused = "" if self._host_loop is None else self._host_loop.problem
+        warning = "; ".join(filter(None, (self._losses.text(self._link), refused)))
+        return report(self.state_label, self._watch, self._link, limits, problem, warning)
 
     def _failure(self) -> str:
         """Why the last transition failed: shown as an event, but as long as the rotor is up nevertheless."""

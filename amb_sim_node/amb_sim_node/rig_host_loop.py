@@ -12,11 +12,12 @@ from collections.abc import Callable, Sequence
 
 from rclpy.node import Node
 
-from amb_core.ground.errors import TargetError
+from amb_core.ground.errors import MessageError, TargetError
 from amb_core.rig import Runs
 from amb_core.rig.link import HostLoopLink, TargetState, TelemetryBlock
 from amb_msgs.msg import CurrentReference, RotorPosition
 from amb_ros import topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.qos import STREAM
 from amb_ros.sample_messages import pack_position, unpack_current
 
@@ -40,6 +41,9 @@ class HostLoop:
         self._node, self._link_of = node, link_of
         self._runs: Runs | None = None  # that of the latest sample
         self._rehearsed = 0  # run
+        self._axes = 0  # of the positions
+        self._refused = 0  # currents
+        self._problem = RecentProblem()
         self._answered = threading.Event()
         self._publisher = node.create_publisher(RotorPosition, topics.POSITION, STREAM)
         self._subscription = node.create_subscription(
@@ -49,7 +53,7 @@ class HostLoop:
     def pass_on(self, samples: TelemetryBlock, runs: Runs, sample_rate: float) -> None:
         """Publish the positions of a levitated rotor; while it lands, the target has the loop."""
         assert samples.status is not None
-        self._runs = runs
+        self._runs, self._axes = runs, samples.position.shape[1]
         for row, state in enumerate((samples.status & STATE).tolist()):
             if state in (TargetState.LEVITATING, TargetState.LEVITATED):
                 step = runs.step_of(samples.first_step + row)
@@ -64,7 +68,7 @@ class HostLoop:
             If none does.
         """
         self._answered.clear()
-        self._rehearsed = run
+        self._rehearsed, self._axes = run, len(position)
         until = time.monotonic() + PATIENCE
         while not self._answered.wait(REPEAT):
             if time.monotonic() > until:
@@ -79,8 +83,21 @@ class HostLoop:
         if self._node.context.ok():
             self._publisher.publish(pack_position(run, step, time_, position))
 
+    @property
+    def problem(self) -> str:
+        """That currents were refused lately, and why the last one; empty if none was."""
+        return self._problem.text
+
     def _on_current(self, data: bytes) -> None:
-        run, step, current = unpack_current(data)
+        try:
+            run, step, current = unpack_current(data)
+            if len(current) != self._axes:
+                raise MessageError(f"step {step} of run {run} has {len(current)} values; allowed: {self._axes}")
+        except MessageError as problem:
+            self._refused += 1
+            self._problem.note(f"{self._refused} messages on {topics.CURRENT_REFERENCE} refused, the last: {problem}")
+            self._node.get_logger().error(self._problem.last, throttle_duration_sec=5.0)
+            return
         link, runs = self._link_of(), self._runs
         if run == self._rehearsed:
             self._answered.set()

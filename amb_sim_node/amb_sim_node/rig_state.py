@@ -67,7 +67,7 @@ class RigState:
 
 
 def report(
-    life_cycle: str, watch: RigWatch, link: TargetLink | None, limits: Limits | None, problem: str, lost: str
+    life_cycle: str, watch: RigWatch, link: TargetLink | None, limits: Limits | None, problem: str, warning: str
 ) -> diagnostics.Report:
     """Diagnostics of the bridge; without a problem, what else is worth a warning, such as samples lost lately."""
     values: dict[str, object] = {"life cycle": life_cycle}
@@ -96,8 +96,8 @@ def report(
         return diagnostics.OK, "not configured", values
     if status is not None and status.alarm:
         return diagnostics.WARN, "displacement beyond the alarm share of the clearance", values
-    if lost:
-        return diagnostics.WARN, lost, values
+    if warning:
+        return diagnostics.WARN, warning, values
     return diagnostics.OK, status.state.name.lower() if status is not None else "connected", values
 
 

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from amb_core.ground.errors import AmbError, ParameterError, PlantError
+from amb_core.ground.errors import AmbError, MessageError, ParameterError, PlantError
 from amb_core.ground.parameters import load_parameters
 from amb_core.loop.machine import Machine as MachineDescription
 from amb_core.loop.pace import Pace, pace_values
@@ -35,6 +35,7 @@ from amb_msgs.msg import (
 )
 from amb_msgs.srv import GetState, Pause, Reset, RunSteps
 from amb_ros import diagnostics, topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.parameters import declare, replace
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED, STREAM
@@ -65,6 +66,8 @@ class SimulatorNode(Node):
         self._reported_contact_steps = 0  # at the last report
         self._answered = True  # False between the publication of a step and its answer
         self._seen_step = -1  # step at the last call of the watch
+        self._refused_currents = 0
+        self._current_problem = RecentProblem()
 
         self._position_publisher = self.create_publisher(RotorPosition, topics.POSITION, STREAM)
         self._clock_publisher = self.create_publisher(ClockMessage, topics.clock(self.get_namespace()), STREAM)
@@ -92,14 +95,22 @@ class SimulatorNode(Node):
     # -- the loop
 
     def _on_current_reference(self, data: bytes) -> None:
-        run, step, current = unpack_current(data)
+        try:
+            run, step, current = unpack_current(data)
+        except MessageError as problem:
+            self._refuse_current(f"a current_reference is ignored: {problem}")
+            return
         state = self._state
         if self._answered or step != state.step or run != state.run:
             return  # answer to a past step: published twice, or before a reset
         if state.mode not in (SimulatorState.RUNNING, SimulatorState.WAITING):
             return  # paused meanwhile; the step is published again when the run continues
         if len(current) != len(self._plant.machine.axes):
-            self._report_wrong_answer(len(current))
+            names = self._plant.machine.axis_names
+            self._refuse_current(
+                f"current_reference of step {step} has {len(current)} values and is ignored; allowed: {len(names)}, "
+                f"{', '.join(names)}"
+            )
             return
         self._answered = True
         try:
@@ -130,13 +141,11 @@ class SimulatorNode(Node):
             time.sleep(wait)
             pace.published(time.monotonic())
 
-    def _report_wrong_answer(self, values: int) -> None:
-        names = self._plant.machine.axis_names
-        self.get_logger().error(
-            f"current_reference of step {self._state.step} has {values} values and is ignored; allowed: {len(names)}, "
-            f"{', '.join(names)}",
-            throttle_duration_sec=5.0,
-        )
+    def _refuse_current(self, problem: str) -> None:
+        self._refused_currents += 1
+        self.get_logger().error(problem, throttle_duration_sec=5.0)
+        if self._current_problem.note(problem):
+            self._diagnostics.publish()
 
     def _publish_position(self) -> None:
         step = self._state.step
@@ -336,10 +345,18 @@ class SimulatorNode(Node):
             level, summary = diagnostics.ERROR, f"delevitated before step {state.step}"
         elif touched:
             level, summary = diagnostics.WARN, "the rotor touches the backup bearing"
+        elif refused := self._current_problem.text:
+            level, summary = diagnostics.WARN, refused
         else:
             level, summary = diagnostics.OK, MODE_NAMES[state.mode]
         mode = MODE_NAMES[state.mode]
-        values = {"run": state.run, "step": state.step, "mode": mode, "steps in contact": self._contact_steps}
+        values = {
+            "run": state.run,
+            "step": state.step,
+            "mode": mode,
+            "steps in contact": self._contact_steps,
+            "current references refused": self._refused_currents,
+        }
         return level, summary, values if self._pace is None else values | pace_values(self._pace)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import shutil
 import time
@@ -16,6 +17,7 @@ from rcl_interfaces.srv import GetParameterTypes, ListParameters
 from rclpy.action import ActionClient
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 
 from amb_bringup.client import NODES
 from amb_bringup.client.connection import ClientError
@@ -156,6 +158,8 @@ class Campaign:
                 parameter.name = hostile.choose(self._parameters) if hostile.chance(0.8) else parameter.name
                 parameter.value.type %= 10 if hostile.chance(0.9) else 256
         tame(name, message)
+        if target.kind == "topic" and hostile.chance(0.1):
+            return hostile.cut(serialize_message(message))
         return message
 
     def _call(self, target: Target, message: Any, note: _Note) -> None:
@@ -176,7 +180,11 @@ class Campaign:
                 self._wait(lambda: publisher.get_subscription_count() >= len(target.nodes), target.name)
         if target.name.endswith("/current_reference"):  # while paused it would be an answer to a step of the past
             self._ask(RunSteps, f"/{NAMESPACE}/simulator/run", RunSteps.Request(steps=1_000))
-        self._publishers[target.name].publish(message)
+        if isinstance(message, bytes):  # as they are
+            with contextlib.suppress(RuntimeError):  # more than the largest message of a type: the middleware refuses
+                self._publishers[target.name].publish(message)
+        else:
+            self._publishers[target.name].publish(message)
 
     def _act(self, target: Target, message: Any, note: _Note) -> None:
         self.outcome.requests += 1

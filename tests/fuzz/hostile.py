@@ -23,8 +23,17 @@ TEXTS = (
     "", " ", "\n", "a\nb\r\n\tc", "\0", "a\0b", "{}", "[]", "null", "NaN", "[" * 5_000, "x" * 100_000,
     "x" * 300, "é漢", "%s%n{0}", "'; --", "-1", "1e400", "../..", "~", "~nobody/x", "/", ".", "/nowhere/x",
     "/dev/null", "/dev/full", "/dev/zero", "/dev/zero.yaml", "/dev/stdin", "/proc/self/mem", "file:///etc/passwd",
-    "a/b.yaml", "paper", "x, y", "sweep", "pem", "pd_controller", "/amb/simulator", "tcp://127.0.0.1:1", "-r",
+    "9" * 20, "9" * 5_000, "-" + "9" * 5_000, "\u0663", "\u00b2", "1e5000", "\\ud800", "\"\\ud800\"", "\\udcff",
+    'units: ["\\ud800"]', '{"\\ud800": 1}', "a/b.yaml", "paper", "x, y",
+    "sweep", "pem", "pd_controller", "/amb/simulator", "tcp://127.0.0.1:1", "-r",
 )  # fmt: skip
+UNREADABLE = (
+    b"", b"\0", b"\0\1\0\0", b"\0\1\0\0" + b"\5" * 8, b"\0\0\0\0" + b"\xff" * 20, b"\0\1\0\0" + b"\xff" * 16,
+    b"\x09\x09\0\0" + b"\5" * 80, b"\0\0\0\0" + b"\xff" * 80,
+)  # fmt: skip
+"""Bytes that are no message of a loop: cut, with a header of nothing, with lengths beyond their end."""
+DELIVERED = tuple(data for data in UNREADABLE if len(data) >= 4)
+"""Those that the middleware delivers."""
 MOST_TEXTS, MOST_MESSAGES = 300, 3  # elements of an array
 
 _ARRAY = re.compile(r"(?:sequence<(?P<item>[^,>]+)(?:, \d+)?>|(?P<fixed>.+)\[(?P<length>\d+)\])")
@@ -76,6 +85,13 @@ class Hostile:
             return items[int(self._rng.integers(len(items)))]
         bounds = np.cumsum(weights)
         return items[int(np.searchsorted(bounds, bounds[-1] * self._rng.random(), side="right"))]
+
+    def cut(self, data: bytes) -> bytes:
+        """A serialized message that ends early, is longer than it should be, has other bytes, or is none."""
+        place = int(self._rng.integers(len(data) + 1))
+        other = self._rng.bytes(min(8, len(data) - place))
+        ways = (data[:place], data + b"\5" * 40, data[:place] + other + data[place + len(other) :])
+        return self.choose((*ways, self.choose(UNREADABLE)))
 
     def message(self, message_type: Any) -> Any:
         """A message most of whose fields are hostile."""

@@ -7,12 +7,15 @@ import signal
 from pathlib import Path
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from amb_bringup.demos.demo_run import controller_of, plant_of
 from amb_core.excitation import Square, generate
 from amb_core.loop.control import PdController
 from amb_core.plant.simulation import simulate
-from amb_msgs.msg import BridgeState, Trip
+from amb_msgs.msg import BridgeState, CurrentReference, Trip
+from amb_ros.qos import STREAM
+from tests.fuzz.hostile import DELIVERED
 from tests.graph.conftest import Graph
 from tests.graph.processes import NodeProcess
 from tests.graph.rig import Rig, config
@@ -98,6 +101,30 @@ def test_without_a_controller_node_it_does_not_levitate(graph: Graph) -> None:
     assert (rig.state.mode, rig.trips) == (BridgeState.OFF, [])
     start_controller(graph)
     assert rig.change("activate"), rig.state.problem
+
+
+def test_currents_that_are_none_are_reported_and_the_rig_stays_up(graph: Graph) -> None:
+    rig = host_rig(graph, emulator=LOCK_STEP)
+    run = rig.levitate()
+    publisher = graph.node.create_publisher(CurrentReference, "/amb/current_reference", STREAM)
+    reports: list[DiagnosticStatus] = []
+    graph.node.create_subscription(DiagnosticArray, "/diagnostics", lambda array: reports.extend(array.status), 100)
+    graph.wait_until(publisher.get_subscription_count, "the bridge")
+
+    def reported(reason: str) -> bool:
+        return any(status.name == "amb/hardware_bridge" and reason in status.message for status in reports)
+
+    for data in DELIVERED:
+        publisher.publish(data)
+    graph.wait_until(
+        lambda: reported("on current_reference refused, the last: the message cannot be read"), "a warning"
+    )
+    step = rig.state.step
+    for count in (1, 100_000):
+        publisher.publish(CurrentReference(run=run, step=step + 10_000, current=[0.0] * count))
+    graph.wait_until(lambda: reported("has 100000 values; allowed: 2"), "a warning")
+    rig.wait_for_step(rig.state.step + 500)
+    assert (rig.state.mode, rig.state.run, rig.trips) == (BridgeState.LEVITATED, run, [])
 
 
 def test_a_link_that_takes_no_currents_is_refused_in_one_line(

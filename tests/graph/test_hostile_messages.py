@@ -28,7 +28,8 @@ from amb_msgs.msg import (
     SimulatorState,
 )
 from amb_msgs.srv import Pause, Reset, RunSteps
-from amb_ros.qos import EVERY_STATE, STREAM
+from amb_ros.qos import EVERY_STATE, HISTORY, STREAM
+from tests.fuzz.hostile import DELIVERED
 from tests.graph.bearing import Bearing, machine_message, machine_publisher
 
 if TYPE_CHECKING:
@@ -195,6 +196,21 @@ def test_a_position_of_a_step_beyond_time_is_reported(wires: Wires, step: int) -
     wires.answer(wires.new_run(), 0)
 
 
+@pytest.mark.parametrize("data", DELIVERED)
+def test_bytes_that_are_no_message_are_reported_and_the_loop_goes_on(wires: Wires, data: bytes) -> None:
+    run = wires.new_run()
+    wires.answer(run, 0)
+    wires.position.publish(data)
+    wires.graph.wait_until(lambda: wires.health("pd_controller").level == DiagnosticStatus.ERROR, "the error")
+    reason = f"the message cannot be read: its {len(data)} bytes are no "
+    assert f"a position is not answered: {reason}RotorPosition" in wires.health("pd_controller").message
+    assert wires.answer(run, 1).step == 1
+    wires.current.publish(data)
+    wires.graph.wait_until(lambda: wires.health("simulator").level == DiagnosticStatus.WARN, "the warning")
+    assert f"a current_reference is ignored: {reason}CurrentReference" in wires.health("simulator").message
+    wires.bearing.reset()
+
+
 # -- telemetry
 
 
@@ -212,6 +228,28 @@ def test_telemetry_of_no_loop_is_refused(first_step: int, sample_time: float, re
     axes = [AxisSamples(name=axis, reference=[0.0], position=[0.0], current=[0.0]) for axis in "xy"]
     with pytest.raises(BagError, match=reason):
         block_from_message(LoopSamples(run=1, first_step=first_step, sample_time=sample_time, axes=axes))
+
+
+def test_telemetry_without_steps_is_refused() -> None:
+    axes = [AxisSamples(name=axis) for axis in "xy"]
+    with pytest.raises(BagError, match="telemetry block of run 1 at step 7: it has no steps; allowed: 1 or more"):
+        block_from_message(LoopSamples(run=1, first_step=7, sample_time=1e-4, axes=axes))
+
+
+@pytest.mark.parametrize("module", ["amb_ident_node.identifier", "amb_ident_node.region_monitor"])
+def test_who_listens_to_telemetry_refuses_what_is_none_and_goes_on(graph: Graph, module: str) -> None:
+    bearing = Bearing(graph)
+    process = graph.start(module)
+    publisher = graph.node.create_publisher(LoopSamples, "/amb/telemetry", HISTORY)
+    graph.wait_until(publisher.get_subscription_count, module)
+    for data in DELIVERED:
+        publisher.publish(data)
+    publisher.publish(LoopSamples(run=1, sample_time=1e-4, axes=[AxisSamples(name=axis) for axis in "xy"]))
+    graph.wait_until(
+        lambda: any("it has no steps; allowed: 1 or more" in status.message for status in bearing.diagnostics),
+        "the refusal",
+    )
+    assert process.poll() is None
 
 
 # -- parameters

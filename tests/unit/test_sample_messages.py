@@ -1,5 +1,6 @@
 """The loop's own serialization is that of ROS, byte for byte but for padding."""
 
+import contextlib
 import struct
 
 import pytest
@@ -7,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 
+from amb_core.ground.errors import MessageError
 from amb_msgs.msg import CurrentReference, RotorPosition
 from amb_ros.sample_messages import pack_current, pack_position, unpack_current, unpack_position
+from tests.fuzz.hostile import UNREADABLE
 
 RUN = st.integers(0, 2**64 - 1)
 STEP = st.integers(0, 2**64 - 1)
@@ -55,3 +58,18 @@ def test_messages_without_values_are_understood():
 def test_a_length_beyond_the_message_gives_no_values(count):
     assert unpack_position(b"\x00\x01\x00\x00" + struct.pack("<QQdI", 3, 7, 7e-4, count))[3] == ()
     assert unpack_current(b"\x00\x01\x00\x00" + struct.pack("<QQI", 3, 7, count))[2] == ()
+
+
+@pytest.mark.parametrize("data", UNREADABLE, ids=len)
+def test_bytes_that_are_no_message_are_refused(data):
+    with pytest.raises(MessageError, match=rf"the message cannot be read: its {len(data)} bytes are no RotorPosition"):
+        unpack_position(data)
+    with pytest.raises(MessageError, match=rf"the message cannot be read: its {len(data)} bytes are no CurrentRefer"):
+        unpack_current(data)
+
+
+@given(st.binary(max_size=80))
+def test_no_bytes_do_more_than_be_refused(data):
+    for unpack in (unpack_position, unpack_current):
+        with contextlib.suppress(MessageError):
+            unpack(data)

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
 
 from amb_core.excitation import Excitation as ExcitationParameters
 from amb_core.excitation import excitation_from_definition
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.excitation.playback import checksum_of, same_samples
 from amb_core.excitation.signal import steps_of
-from amb_core.ground.errors import ExcitationError
+from amb_core.ground.errors import ExcitationError, MessageError
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
+from amb_ros.serialized import deserialized
 
 STOP = "stop"
 WAVEFORM = "waveform"
@@ -54,9 +54,9 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
         problem = f"{len(data)} bytes; allowed: {HIGHEST_SIZE}, samples of {Excitation.HIGHEST_INLINE_STEPS} steps"
     else:
         try:
-            return deserialize_message(data, Excitation)
-        except (RuntimeError, ValueError, SystemError) as error:
-            problem = f"the message cannot be read: {error}"
+            return deserialized(data, Excitation)
+        except MessageError as error:
+            problem = str(error)
     run, number = _address(data)
     return ExcitationStatus(run=run, id=number, message=_line(problem))
 

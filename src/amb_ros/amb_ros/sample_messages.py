@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from struct import Struct
-
-from rclpy.serialization import deserialize_message
+from struct import Struct, error
 
 from amb_msgs.msg import CurrentReference, RotorPosition
+from amb_ros.serialized import deserialized, unreadable
 
 _HEADER = b"\x00\x01\x00\x00"  # CDR, little endian
 
@@ -31,10 +30,13 @@ def pack_position(run: int, step: int, time: float, position: Sequence[float]) -
 
 
 def unpack_position(data: bytes) -> Position:
-    """Run, step, time (s) and the position of each axis (m) of a serialized RotorPosition."""
-    header, run, step, time, count = _POSITION.unpack_from(data)
+    """Run, step, time (s) and the position of each axis (m) of a serialized RotorPosition; MessageError if none."""
+    try:
+        header, run, step, time, count = _POSITION.unpack_from(data)
+    except error:  # too short
+        raise unreadable(data, RotorPosition) from None
     if header != _HEADER:  # from a machine of another byte order
-        message = deserialize_message(data, RotorPosition)
+        message = deserialized(data, RotorPosition)
         return message.run, message.step, message.time, message.position
     return run, step, time, _doubles(data, _POSITIONS_AT, count)
 
@@ -46,10 +48,13 @@ def pack_current(run: int, step: int, current: Sequence[float]) -> bytes:
 
 
 def unpack_current(data: bytes) -> Current:
-    """Run, step and the control current reference of each axis (A) of a serialized CurrentReference."""
-    header, run, step, count = _CURRENT.unpack_from(data)
+    """Run, step and the current reference of each axis (A) of a serialized CurrentReference; MessageError if none."""
+    try:
+        header, run, step, count = _CURRENT.unpack_from(data)
+    except error:
+        raise unreadable(data, CurrentReference) from None
     if header != _HEADER:
-        message = deserialize_message(data, CurrentReference)
+        message = deserialized(data, CurrentReference)
         return message.run, message.step, message.current
     return run, step, _doubles(data, _CURRENTS_AT, count)
 

@@ -21,6 +21,10 @@ class ExcitationError(AmbError):
     """An excitation is asked for that cannot be generated at the sample rate of the loop."""
 
 
+class MessageError(AmbError):
+    """What arrived on a topic cannot be read as a message of its type."""
+
+
 class BagError(AmbError):
     """A bag is missing, unreadable, or lacks what is asked of it."""
 
