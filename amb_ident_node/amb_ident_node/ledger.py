@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Collection
 from typing import Any
 
-from amb_core.ground.errors import BagError
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.time_stamp import stamped_time
 from amb_ident_node.completeness import (
@@ -76,7 +75,7 @@ class Ledger:
         """A recording starts: messages from now on belong to it."""
         with self._changed:
             self._monitor_reports = False
-            self._malformed = 0
+            self._refused: dict[str, tuple[int, str]] = {}  # by topic: how many, and why the last one was
             self._telemetry = TelemetryAccount()
             self._plant_states = PeriodicAccount(topics.PLANT_STATE)
             self._clocks = PeriodicAccount(topics.CLOCK)
@@ -130,6 +129,12 @@ class Ledger:
             if topic == topics.SIMULATOR_STATE:  # its place decides what is awaited
                 self._note_reported_state(message)
             self._changed.notify_all()
+
+    def note_refused(self, topic: str, reason: str) -> None:
+        """What has arrived on a topic cannot be used, and is not in the recording."""
+        with self._changed:
+            count, _ = self._refused.get(topic, (0, ""))
+            self._refused[topic] = count + 1, reason
 
     def note_monitor(self, run: int, next_step: int, messages: int) -> None:
         """The region monitor reports its progress, and how many messages it has published."""
@@ -212,8 +217,9 @@ class Ledger:
                     texts.append(self._missing_region(awaited))
                 if self._state_awaited(published) and not self._simulator_reached(awaited):
                     texts.append(f"simulator/state lacks that of step {awaited.step} of run {awaited.run}")
-            if self._malformed:
-                texts.append(f"{self._malformed} malformed blocks of telemetry")
+            for topic, (count, reason) in self._refused.items():
+                messages = "a message on" if count == 1 else f"{count} messages on"
+                texts.append(f"{messages} {topic} {'was' if count == 1 else 'were'} refused: {reason}")
             return texts
 
     @property
@@ -225,10 +231,7 @@ class Ledger:
     # -- content of the messages; called with the lock held
 
     def _note_telemetry(self, message: Any) -> None:
-        try:
-            self._telemetry.note(message.run, block_from_message(message))
-        except BagError:
-            self._malformed += 1
+        self._telemetry.note(message.run, block_from_message(message))
 
     def _note_excitation(self, message: Any) -> None:
         self._answers.note_excitation(message.run, message.id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -93,6 +94,20 @@ OF_THE_GRAPH = (topics.TELEMETRY, topics.PLANT_STATE, topics.REGION, topics.SIMU
 """Topics that follow the steps of a run: everything published up to an awaited step must have arrived."""
 OF_A_RUN = (*OF_THE_GRAPH, topics.BRIDGE_STATE)
 """Topics of the nodes without which a run does not go on, or is not recorded whole."""
+
+
+def monitor_progress(values: Mapping[str, str]) -> tuple[int, int, int] | None:
+    """Run, next step and number of messages that diagnostics of a region monitor report; None for all others."""
+    counts = [_count(values.get(key, "")) for key in ("run", "next step", REGION_MESSAGES)]
+    run, next_step, messages = counts
+    return None if run is None or next_step is None or messages is None else (run, next_step, messages)
+
+
+def _count(text: str) -> int | None:
+    """The count in a text; None if it holds none that a message could carry."""
+    if not (text.isascii() and text.isdecimal() and len(text) <= len(str(LAST_STEP))):
+        return None
+    return int(text) if int(text) <= LAST_STEP else None
 
 
 def end_of(message: Any) -> Mark | None:

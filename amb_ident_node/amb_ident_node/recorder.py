@@ -20,7 +20,6 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from amb_core.ground.errors import AmbError, BagError, ParameterError, one_line
@@ -32,20 +31,21 @@ from amb_ident_node.completeness import Mark
 from amb_ident_node.departures import Departures
 from amb_ident_node.ledger import Ledger
 from amb_ident_node.publishers import Publishers
+from amb_ident_node.readable import MessageReader
 from amb_ident_node.recorded_topics import (
     OF_A_RUN,
     OF_THE_GRAPH,
     PARAMETER_EVENTS,
     RECORDED,
-    REGION_MESSAGES,
-    ROSOUT,
     RecordedTopic,
     end_of,
+    monitor_progress,
 )
 from amb_ident_node.recorder_parameters import RecorderParameters
 from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.definitions import message_definition
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
@@ -88,6 +88,8 @@ class RecorderNode(Node):
         self._attempts: Counter[str] = Counter()  # failed attempts to read those of a node
         self._next_attempt: dict[str, float] = {}  # in the steady clock (s)
         self._definitions = {topic.type_name: message_definition(topic.type_name) for topic in RECORDED}
+        self._reader = MessageReader(self._definitions)
+        self._refused_lately = RecentProblem()
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._stops: list[_Stop] = []  # oldest first; also those that wait for the worker
         self._stopped: tuple[BagInProgress, StopRecording.Response] | None = None  # the last recording, and the answer
@@ -130,7 +132,11 @@ class RecorderNode(Node):
 
     def _on_message(self, name: str, data: bytes) -> None:
         topic = self._topics[name]
-        message = None if topic.name in (PARAMETER_EVENTS, ROSOUT) else deserialize_message(data, topic.type)
+        try:
+            message = self._reader.read(topic, data)
+        except AmbError as problem:
+            self._refuse(topic.name, one_line(problem))
+            return
         if topic.type is DiagnosticArray and not self._is_of_the_graph(message):
             return
         with self._switching:
@@ -149,14 +155,19 @@ class RecorderNode(Node):
             self._in_trouble = recording
             self._diagnostics.publish()
 
+    def _refuse(self, topic: str, reason: str) -> None:
+        self._ledger.note_refused(topic, reason)
+        self.get_logger().error(f"a message on {topic} is not recorded: {reason}", throttle_duration_sec=5.0)
+        if self._refused_lately.note(f"a message on {topic} was refused: {reason}"):
+            self._diagnostics.publish()
+
     def _is_of_the_graph(self, array: DiagnosticArray) -> bool:
         """Whether diagnostics are of nodes in this namespace. Those of the region monitor report its progress."""
         prefix = self.get_namespace().strip("/") + "/"
         for status in array.status:
             values = {item.key: item.value for item in status.values}
-            known = [values.get(key, "") for key in ("run", "next step", REGION_MESSAGES)]
-            if status.name.startswith(prefix) and all(value.isdecimal() for value in known):
-                self._ledger.note_monitor(*map(int, known))
+            if status.name.startswith(prefix) and (progress := monitor_progress(values)):
+                self._ledger.note_monitor(*progress)
             if instance := values.get(diagnostics.INSTANCE):
                 self._departures.note_report(f"/{status.name}", instance, self._now(), self._ledger.within_run)
         return any(status.name.startswith(prefix) for status in array.status)
@@ -416,6 +427,9 @@ class RecorderNode(Node):
     def _report(self) -> diagnostics.Report:
         recording = self._recording
         if recording is None:
+            refused = self._refused_lately.text
+            if refused:
+                return diagnostics.WARN, f"not recording; {refused}", {}
             return diagnostics.OK, "not recording", {}
         self._note_conflicts()
         lacks = self._ledger.lacks()

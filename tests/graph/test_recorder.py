@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
+from typer.testing import CliRunner
 
+from amb_bringup.cli import app
 from amb_core.ground.errors import BagError
 from amb_core.recording import Recording
+from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_msgs.msg import (
     AxisSamples,
     Excitation,
@@ -28,6 +32,7 @@ from amb_msgs.msg import (
 )
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import HISTORY, LATCHED
+from tests.fuzz.hostile import DELIVERED
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
@@ -170,6 +175,39 @@ def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(reco
     recorded.publish_blocks(2, 1, 2)
     stopped = recorded.stop_bag(2, 2 * BLOCK)
     assert stopped.message == "telemetry of run 2 lacks steps 0 to 99 (100 steps)"
+
+
+def test_what_cannot_be_read_is_reported_and_spoils_no_bag(recorded: Loop) -> None:
+    recorded.start_bag("unreadable")
+    recorded.publish_blocks(1, 0, 2)
+    whole = serialize_message(block(1, 200, lambda k: np.zeros(BLOCK)))
+    no_text = whole.replace(b"x\0", b"\xff\0", 1)
+    for data in (*DELIVERED, whole[:300], whole + bytes(40), no_text):
+        recorded.telemetry.publish(data)
+        recorded.diagnostics.publish(DELIVERED[0])
+    recorded.publish_blocks(1, 2, 4)
+    stopped = recorded.stop_bag(1, 4 * BLOCK)
+    assert not stopped.success
+    refused = f"{len(DELIVERED) + 3} messages on telemetry were refused: the message cannot be read: its {len(no_text)}"
+    assert refused in stopped.message
+    assert "lacks" not in stopped.message
+    bag = Recording.read(stopped.uri)
+    assert bag.telemetry(1).steps == 4 * BLOCK
+    assert len(list(bag.messages_of("/amb/telemetry"))) == 4
+    assert list(bag.messages_of("/diagnostics"))
+    assert bag.parameters()["/amb/recorder"]
+    assert CliRunner().invoke(app, ["bag", "info", "--runs", stopped.uri], catch_exceptions=False).exit_code == 0
+
+
+@pytest.mark.parametrize("text", ["9" * 5_000, str(2**64), "\u0663", "-1", ""], ids=len)
+def test_no_text_of_diagnostics_ends_the_recorder(recorded: Loop, text: str) -> None:
+    values = [KeyValue(key=key, value=text) for key in ("run", "next step", REGION_MESSAGES)]
+    recorded.start_bag(f"text_{len(text)}_{text[:2]}")
+    recorded.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(name="amb/region_monitor", values=values)]))
+    recorded.publish_blocks(1, 0, 1)
+    stopped = recorded.stop_bag(1, BLOCK)
+    assert stopped.success, stopped.message
+    assert recorded.graph.process_of(RECORDER).poll() is None
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
