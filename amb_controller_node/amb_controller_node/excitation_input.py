@@ -22,6 +22,7 @@ from rclpy.timer import Timer
 from amb_core.excitation import Playback
 from amb_core.excitation.playback import WINDOW
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.plain_text import plain_text
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
@@ -191,7 +192,7 @@ class ExcitationInput:
         except ExcitationError as problem:
             pending.problem = str(problem)
         except Exception as problem:  # in every case the sender gets an answer and the loop continues
-            self._node.get_logger().error(traceback.format_exc())
+            self._node.get_logger().error(plain_text(traceback.format_exc()))
             pending.problem = f"internal error while its samples were made: {problem!r}"
         executor = self._node.executor
         if executor is not None and self._node.context.ok():

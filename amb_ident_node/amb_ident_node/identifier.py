@@ -15,6 +15,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from amb_core.ground.errors import BagError, IdentificationError, one_line
+from amb_core.ground.plain_text import plain_text
 from amb_core.identification import Focus, IdentificationProgress, StateSpaceModel, identify, validate
 from amb_core.identification.identify import check_arguments
 from amb_core.recording.messages.excitation_status import answer_from_message
@@ -28,6 +29,7 @@ from amb_msgs import action, msg, srv
 from amb_ros import diagnostics, topics
 from amb_ros.actions import create_action
 from amb_ros.alarms import RecentProblem
+from amb_ros.message_texts import with_plain_texts
 from amb_ros.parameters import declare
 from amb_ros.process import run_node
 from amb_ros.qos import EVERY_STATE, HISTORY, LATCHED
@@ -177,7 +179,7 @@ class IdentifierNode(Node):
             )
         finally:
             self._stage = ""
-        message = fill_model(msg.StateSpaceModel(), result.model)
+        message = with_plain_texts(fill_model(msg.StateSpaceModel(), result.model))
         message.header.stamp = self._wall_clock.now().to_msg()
         self._models += 1
         message.sequence = self._models
@@ -187,7 +189,7 @@ class IdentifierNode(Node):
         answer.message = result.summary + remark
         answer.warnings = [f"{finding.check}: {finding.text}" for finding in result.report.warnings]
         answer.model = message
-        self.get_logger().info(answer.message)
+        self.get_logger().info(plain_text(answer.message))
 
     def _check_request(self, request: Any) -> None:
         """Refuse a request of the service or the action that no data can serve, without reading any."""

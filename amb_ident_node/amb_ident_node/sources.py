@@ -18,7 +18,7 @@ from amb_core.data.controller_choice import (
     with_shown_limit,
 )
 from amb_core.data.experiments import DataDescription, IdentificationData
-from amb_core.ground.errors import AmbError, BagError, IdentificationError, ParameterError
+from amb_core.ground.errors import AmbError, BagError, IdentificationError, ParameterError, one_line
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, CONTROLLERS
 from amb_core.ground.parameters import Parameters, part_of
 from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
@@ -129,7 +129,7 @@ class LoopSources:
         try:
             return self._controller_of(names[0]).at_rate(sample_rate)
         except AmbError as problem:
-            self._log.warning(str(problem))
+            self._log.warning(one_line(problem))
             return None
 
     def _controller_of(self, node: str) -> KnownController:
@@ -159,5 +159,5 @@ class LoopSources:
         try:
             return self._remote_parameters.read_set(parameters, node, self._timeout)
         except ParameterError as problem:
-            self._log.warning(str(problem))
+            self._log.warning(one_line(problem))
             return None

@@ -20,6 +20,7 @@ from rclpy.node import Node
 from amb_core.excitation import ExcitationSignal, Playback
 from amb_core.excitation.playback import instantaneous_frequency
 from amb_core.ground.errors import AmbError, ExcitationError, TargetError, one_line
+from amb_core.ground.plain_text import plain_text
 from amb_core.loop.machine import Machine
 from amb_core.rig import ExcitationProtection, Runs
 from amb_core.rig.link import ExcitationPhase, TargetLink, TargetState, TargetStatus, TooLateError
@@ -147,7 +148,7 @@ class RigExcitation:
             self._answers.refuse(status, "replaced by a later one" if called_off() else one_line(problem))
             return
         except Exception as problem:  # in every case the sender gets an answer and the bridge goes on
-            self._node.get_logger().error(traceback.format_exc())
+            self._node.get_logger().error(plain_text(traceback.format_exc()))
             self._answers.refuse(status, f"internal error: {problem!r}; see the log of the bridge")
             return
         self._node.get_logger().info(f"excitation {status.kind} from step {first_step}")

@@ -220,6 +220,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         "misfit": (definition(SQUARE, NEVER, steps=999), "steps = 999, but its description makes 1000"),
         "stop with samples": (Excitation(run=NEVER, kind="stop", first_step=-1, steps=5), "a stop has no samples"),
         "no text": (definition(SQUARE, NEVER, kind="squ\u20ac\x00re"), "unknown kind of excitation"),
+        "no Unicode": (definition(SQUARE, NEVER, description='{"\\ud800": 1}'), r"unknown parameter '\ud800' = 1"),
         "no JSON": (definition(SQUARE, NEVER, description="{"), "square: its description is not a JSON object"),
         "deep JSON": (definition(SQUARE, NEVER, description="[" * 200_000), "nested too deeply"),
         "long kind": (definition(SQUARE, NEVER, kind="a\n" * 10_000), "unknown kind of excitation"),

@@ -10,7 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app, main
-from amb_core.ground.plain_text import plain_text
+from amb_core.ground.errors import LONGEST_TEXT, BagError, bounded, one_line
+from amb_core.ground.plain_text import is_for_ros, plain_text
 from amb_core.recording import BagWriter
 from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.drawing import Axis, Curve, Note, Panel
@@ -28,6 +29,21 @@ def shown(*words: str) -> str:
 def test_controls_are_shown_and_letters_stay() -> None:
     assert plain_text(HOSTILE) == r"\x1b]0;owned\x07\x1b[2J\x9b31m\u202ereversed"
     assert plain_text("Lage X [µm]\t変位\nرمز") == "Lage X [µm]\t変位\nرمز"
+
+
+@pytest.mark.parametrize("text", ["a\ud800b", "rig \udcff.mcap", "a\0b", HOSTILE])
+def test_the_text_of_an_error_is_one_that_ros_carries(text: str) -> None:
+    for shown_text in (one_line(BagError(f"{text}\n is wrong")), bounded(text)):
+        assert is_for_ros(shown_text)
+        assert shown_text.isprintable()
+        shown_text.encode()
+
+
+@pytest.mark.parametrize("text", ["x" * 5_000, "\ud800" * 5_000, "\U000e0001" * 400])
+def test_a_bounded_text_is_not_longer_than_it_may_be(text: str) -> None:
+    assert len(bounded(text)) <= LONGEST_TEXT
+    assert len(bounded(text, 51)) <= 51
+    assert " ... " in bounded(text)
 
 
 def test_names_of_topics_reach_the_terminal_as_text(tmp_path: Path) -> None:

@@ -11,9 +11,12 @@ from typing import Any
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
 from rclpy.task import Future
 
-from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, bounded, one_line
+from amb_core.ground.plain_text import plain_text
+from amb_ros.message_texts import with_plain_texts
 from amb_ros.rejections import RejectionPublisher
 
 Callback = Callable[[Any, Callable[[Any], None], Callable[[], bool]], Any]
@@ -130,15 +133,17 @@ class _Goals:
                 goal.publish_feedback(message)
 
         try:
-            return self.callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested)
+            result = with_plain_texts(self.callback(goal.request, publish_feedback, lambda: goal.is_cancel_requested))
+            serialize_message(result)  # what cannot be sent would end the executor, which sends it
+            return result
         except AmbError as problem:
             return self.action_type.Result(message=one_line(problem))
         except Exception as problem:  # in every case the caller gets a result and the node keeps running
             return self.action_type.Result(message=self._internal_error(problem))
 
     def _internal_error(self, problem: Exception) -> str:
-        self.node.get_logger().error(traceback.format_exc())
-        return f"internal error in {self.node.get_fully_qualified_name()}: {problem!r}; see its log"
+        self.node.get_logger().error(plain_text(traceback.format_exc()))
+        return bounded(f"internal error in {self.node.get_fully_qualified_name()}: {problem!r}; see its log")
 
 
 def _number(goal: ServerGoalHandle) -> bytes:

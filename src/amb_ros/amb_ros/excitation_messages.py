@@ -14,7 +14,7 @@ from amb_core.excitation import excitation_from_definition
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.excitation.playback import checksum_of, same_samples
 from amb_core.excitation.signal import steps_of
-from amb_core.ground.errors import ExcitationError, MessageError
+from amb_core.ground.errors import ExcitationError, MessageError, one_line
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros.serialized import deserialized
@@ -58,7 +58,7 @@ def read(data: bytes) -> Excitation | ExcitationStatus:
         except MessageError as error:
             problem = str(error)
     run, number = _address(data)
-    return ExcitationStatus(run=run, id=number, message=_line(problem))
+    return ExcitationStatus(run=run, id=number, message=one_line(problem, LONGEST_ANSWER))
 
 
 def resolve(message: Excitation, run: int, step: int) -> None:
@@ -122,7 +122,7 @@ def check(message: Excitation, machine: Machine, run: int, step: int) -> Checked
             raise ExcitationError(f"steps = {message.steps}, but its description makes {steps}")
         return Checked(steps, message.checksum, excitation, np.zeros((0, len(axes))))
     except ExcitationError as problem:
-        raise ExcitationError(_line(str(problem))) from None
+        raise ExcitationError(one_line(problem, LONGEST_ANSWER)) from None
 
 
 def _check_place(message: Excitation, run: int, step: int) -> None:
@@ -176,12 +176,6 @@ def _inline(message: Excitation, axes: Sequence[str]) -> Checked:
     if message.checksum and not same_samples(message.checksum, checksum):
         raise ExcitationError(f"its samples have checksum {checksum}, not {message.checksum} as it states")
     return Checked(steps, checksum, None, samples)
-
-
-def _line(text: str) -> str:
-    """One line of limited length, also if it quotes texts of the sender."""
-    line = " ".join(text.split())
-    return line if len(line) <= LONGEST_ANSWER else f"{line[: LONGEST_ANSWER - 4]} ..."
 
 
 def _address(data: bytes) -> tuple[int, int]:

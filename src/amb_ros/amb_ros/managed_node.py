@@ -20,6 +20,7 @@ from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from amb_core.ground.errors import AmbError, bounded, one_line
+from amb_core.ground.plain_text import plain_text
 from amb_ros.alarms import RecentProblem
 from amb_ros.deferred_answers import answer_by
 from amb_ros.rclpy_inside import call
@@ -123,7 +124,7 @@ class ManagedNode(LifecycleNode):
         try:
             response.success = self._change(request.transition)
         except Exception:  # in every case the caller gets an answer and the node keeps running
-            self.get_logger().error(traceback.format_exc())
+            self.get_logger().error(plain_text(traceback.format_exc()))
             response.success = False
         self.report_transition()
         return response
@@ -165,8 +166,8 @@ class ManagedNode(LifecycleNode):
         except AmbError as problem:
             self.problem = f"{name}: {one_line(problem)}"
         except Exception as problem:
-            self.get_logger().error(traceback.format_exc())
-            self.problem = f"{name}: internal error: {problem!r}; see the log"
+            self.get_logger().error(plain_text(traceback.format_exc()))
+            self.problem = bounded(f"{name}: internal error: {problem!r}; see the log")
         else:
             self.get_logger().info(f"{name}: done")
             return TransitionCallbackReturn.SUCCESS

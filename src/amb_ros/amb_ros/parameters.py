@@ -10,7 +10,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from amb_core.ground.errors import ParameterError
+from amb_core.ground.errors import ParameterError, one_line
 from amb_core.ground.files.parameter_files import of_rclpy
 from amb_core.ground.parameters import (
     Declaration,
@@ -157,7 +157,9 @@ def _guard(
         try:
             _checked(parameters, _changed(current, changes), check)
         except ParameterError as problem:
-            return SetParametersResult(successful=False, reason=f"{node.get_fully_qualified_name()}: {problem}")
+            return SetParametersResult(
+                successful=False, reason=f"{node.get_fully_qualified_name()}: {one_line(problem)}"
+            )
         return SetParametersResult(successful=True)
 
     return answer

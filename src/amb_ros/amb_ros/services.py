@@ -10,7 +10,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.service import Service
 
-from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.errors import AmbError, bounded, one_line
+from amb_core.ground.plain_text import plain_text
 from amb_ros.deferred_answers import Arrival, answer_by
 
 
@@ -49,8 +50,8 @@ def create_service(
         except AmbError as problem:
             response.message = one_line(problem)
         except Exception as problem:  # in every case the caller gets an answer and the node keeps running
-            node.get_logger().error(traceback.format_exc())
-            response.message = f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log"
+            node.get_logger().error(plain_text(traceback.format_exc()))
+            response.message = bounded(f"internal error in {node.get_fully_qualified_name()}: {problem!r}; see its log")
         response.success = False
         return response
 

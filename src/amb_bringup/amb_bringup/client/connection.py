@@ -19,6 +19,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
 from amb_core.ground.errors import AmbError, bounded
+from amb_core.ground.plain_text import is_for_ros
 from amb_ros import interruptions, middleware
 from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
@@ -280,10 +281,14 @@ class GraphConnection:
 
 
 def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
-    """Raise ClientError for a text with a NUL character: rclpy sends it up to there, and no node can see that."""
+    """Raise ClientError for a text that ROS does not carry whole: it would be cut, and no node can see that."""
     for field, value in fields.items():
-        if isinstance(value, str) and "\0" in value:
-            raise ClientError(f"{name}: {field} = {bounded(repr(value), 200)} has a NUL character; allowed: none")
+        for text in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(text, str) and not is_for_ros(text):
+                raise ClientError(
+                    f"{name}: {field} = {bounded(repr(text), 200)} has a NUL character or is no Unicode; allowed: "
+                    "Unicode text without NUL"
+                )
 
 
 def _leave(executor: Executor, node: Node, context: Context) -> None:

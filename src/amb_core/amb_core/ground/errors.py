@@ -1,5 +1,7 @@
 """The exception family of the workbench: every message says what is wrong, where, and what is allowed."""
 
+from amb_core.ground.plain_text import plain_text
+
 
 class AmbError(Exception):
     """Base of every error that the workbench raises on purpose; its text is fit to be shown to a user."""
@@ -58,19 +60,21 @@ class MissingExtraError(AmbError, ImportError):
 
 
 LONGEST_TEXT = 2_000  # characters
+_LEFT_OUT = " ... "
 
 
-def one_line(problem: AmbError) -> str:
-    """The text of an error as one line of bounded length, whatever names and values from outside it repeats."""
-    return bounded(" ".join(str(problem).split()))
+def one_line(problem: object, longest: int = LONGEST_TEXT) -> str:
+    """The text of a problem as one line of bounded length, whatever names and values from outside it repeats."""
+    return bounded(" ".join(str(problem).split()), longest)
 
 
 def bounded(text: str, longest: int = LONGEST_TEXT) -> str:
-    """A text of bounded length (characters): the middle of a longer one is left out."""
+    """A text as `plain_text`, of at most that many characters: the middle of a longer one is left out."""
+    text = plain_text(text)
     if len(text) <= longest:
         return text
-    half = longest // 2
-    return f"{text[:half]} ... {text[-half:]}"
+    half = (longest - len(_LEFT_OUT)) // 2
+    return f"{text[:half]}{_LEFT_OUT}{text[-half:]}"
 
 
 class ProjectError(AmbError):

@@ -1,4 +1,4 @@
-"""Text of others for terminals, pages and logs: what could control them is shown instead of obeyed."""
+"""Text of others for terminals, pages, logs and messages: what could control or break them is shown as an escape."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ _CONTROLS = re.compile(
     "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"  # directions, which change the order of what is read
     "\u2028\u2029\ufeff\ud800-\udfff\U000e0000-\U000e007f]"
 )
+_NOT_FOR_ROS = re.compile("[\0\ud800-\udfff]")
 
 
 def plain_text(text: object) -> str:
@@ -17,3 +18,11 @@ def plain_text(text: object) -> str:
     All that a file, a topic or another node names passes here once, where it reaches a terminal, a page or a log.
     """
     return _CONTROLS.sub(lambda control: control[0].encode("unicode_escape").decode(), str(text))
+
+
+def is_for_ros(text: str) -> bool:
+    r"""Whether ROS carries the text whole: it cuts one at a NUL, and refuses a lone surrogate, which is no Unicode.
+
+    YAML and JSON write the latter as an escape such as `\ud800`; Python gives it for a file name that is not UTF-8.
+    """
+    return _NOT_FOR_ROS.search(text) is None
