@@ -12,7 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parent
 PACKAGES = (  # upwards
-    *("amb_core", "amb_ros", "amb_controller_node", "amb_sim_node", "amb_ident_node", "amb_bringup", "amb_paper"),
+    *("amb_msgs", "amb_core", "amb_ros", "amb_controller_node", "amb_sim_node", "amb_ident_node", "amb_bringup"),
+    "amb_paper",
 )
 
 

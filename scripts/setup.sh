@@ -124,7 +124,7 @@ build() {
         MAKEFLAGS=-j"$(nproc)" \
         colcon --log-level error build --symlink-install --executor parallel \
         --event-handlers console_direct- console_cohesion- status- console_stderr- summary- \
-        --cmake-args -G Ninja -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF; then
+        --cmake-args -G Ninja -DPython3_EXECUTABLE="$venv/bin/python" -DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=ON; then
         cat log/latest_build/*/stderr.log >&2
         fail "the build failed; full logs are in log/latest_build"
     fi

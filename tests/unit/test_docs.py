@@ -1,4 +1,4 @@
-"""The documentation says what the code says: parameter tables, interfaces, units and links.
+"""The documentation says what the code says: parameter tables, interfaces and links.
 
 The parameter tables in the READMEs are rendered from the declarations; `python -m tests.unit.test_docs` rewrites them.
 """
@@ -33,7 +33,6 @@ DOCS = [
 ]
 PAGES = [*READMES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *DOCS]
 SECTIONS = ["Purpose", "Design", "Assumptions and known limits", "Inputs and outputs", "Parameters", "Examples"]
-UNITS = {"-", "A", "A, m", "Hz", "N", "T", "dB", "m", "m/A", "m/s", "m^2", "1/A", "1/m", "percent", "rad", "s", "s, ns"}
 
 TOPIC_NAMES = {
     name: value for name, value in vars(topics).items() if name.isupper() and name not in ("NAMESPACE", "CLOCK")
@@ -230,37 +229,6 @@ def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
         chart = hasattr(importlib.import_module(module), f"{name}_chart")
         submodule = importlib.util.find_spec(f"{module}.{name}") if hasattr(sys.modules[module], "__path__") else None
         assert attribute or chart or submodule, f"{package}/README.md: {module} has no {name}"
-
-
-# -- messages
-
-
-def fields_with_comments(path: Path) -> Iterator[tuple[str, str]]:
-    """Fields of a message or service, and their comments with the lines that continue them."""
-    field, comment = "", ""
-    for line in path.read_text().splitlines():
-        declaration, _, text = line.partition("#")
-        if declaration.strip() and "=" not in declaration and declaration.strip() != "---":
-            if field:
-                yield field, comment
-            field, comment = declaration.strip(), text
-        elif declaration and not declaration.strip():  # indented: goes on with the comment above
-            comment += text
-        elif field:
-            yield field, comment
-            field = ""
-    if field:
-        yield field, comment
-
-
-@pytest.mark.parametrize(
-    "path",
-    [path for kind in ("msg", "srv", "action") for path in sorted((ROOT / "amb_msgs" / kind).glob(f"*.{kind}"))],
-    ids=lambda path: path.name,
-)
-def test_every_field_of_a_message_has_its_unit(path: Path) -> None:
-    for field, comment in fields_with_comments(path):
-        assert set(re.findall(r"\(([^()]*)\)", comment)) & UNITS, f"{path.name}: '{field}' lacks a unit in parentheses"
 
 
 if __name__ == "__main__":
