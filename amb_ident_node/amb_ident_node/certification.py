@@ -124,6 +124,7 @@ def _exists(path: str) -> bool:
 def fill_answer(response: srv.Certify.Response, certificate: Certificate, text: str) -> srv.Certify.Response:
     """A certificate as answer; `text` is its JSON."""
     response.success, response.certified = True, certificate.certified
+    response.statement = certificate.statement
     response.message = response.verdict = certificate.verdict
     response.reasons = [check.finding for check in certificate.checks if not check.passed]
     response.warnings = list(certificate.warnings)

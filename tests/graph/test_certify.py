@@ -71,6 +71,7 @@ def test_the_last_identification_gets_margins_bounds_and_a_verdict(loop: Loop, r
     assert answer.mu_lower <= answer.mu_upper
     written = json.loads(answer.certificate)
     assert written["certified"] == answer.certified == (not answer.reasons)
+    assert written["statement"] == answer.statement
     assert written["verdict"] == answer.verdict == answer.message
     assert any("samples of the identification" in text for text in answer.warnings)
     assert {name.split()[0] for name in written["inputs"]} == {"model", "data", "controller"}

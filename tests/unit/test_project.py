@@ -104,6 +104,14 @@ def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
     assert status_of(folder).items[-1].state is State.STALE
 
 
+@pytest.mark.parametrize("statement", ["certified", "certified with reservations"])
+def test_a_certificate_is_shown_with_what_it_states(folder: Path, statement: str) -> None:
+    inputs = {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}}
+    certificate = {"certified": True, "statement": statement, "checks": [], "inputs": inputs}
+    (folder / "certificate.json").write_text(json.dumps(certificate))
+    assert status_of(folder).items[-1].reason == f"{statement}; from model/model.json"
+
+
 def test_inputs_that_are_not_recorded_or_not_there_are_unknown(folder: Path) -> None:
     (folder / "data.csv").unlink()
     (folder / "design/summary.json").write_text(

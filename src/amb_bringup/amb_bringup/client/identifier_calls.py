@@ -177,7 +177,7 @@ class IdentifierCalls(GraphConnection):
         """Certify the robustness of a model with a controller, as `amb certify` does.
 
         A loop that is not certified is no error: `certified` of the answer is false, and `reasons` names the checks
-        that failed.
+        that failed. `certified` is true with reservations on the model too; `statement` shows which.
 
         Parameters
         ----------

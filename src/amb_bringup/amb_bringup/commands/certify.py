@@ -76,9 +76,9 @@ def certify(
     """Certify the robustness of a model with a controller: one page with the verdict first, and certificate.json.
 
     With --sweep-amplitude the sensitivity is also measured now, by a swept sine on the graph that runs in this DDS
-    domain, simulator or rig; its bag stays in --out. Exit code 0 if the loop is certified, 4 if it is not, 1 if nothing
-    could be computed. With --again a certificate is computed again, and nothing written: exit code 0 for the same
-    numbers, 5 if a file, a number or a verdict differs.
+    domain, simulator or rig; its bag stays in --out. Exit code 0 if the loop is certified, with or without
+    reservations, 4 if it is not, 1 if nothing could be computed. With --again a certificate is computed again, and
+    nothing written: exit code 0 for the same numbers, 5 if a file, a number or a verdict differs.
     """
     console = Terminal(stderr=True)
     files = {

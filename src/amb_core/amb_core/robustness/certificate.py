@@ -94,7 +94,7 @@ class Certificate(Result):
 
     @property
     def certified(self) -> bool:
-        """Whether every check passed."""
+        """Whether every check passed, with or without reservations on the model: `statement` shows which."""
         return self.statement.startswith("certified")
 
     @property

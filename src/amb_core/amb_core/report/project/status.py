@@ -164,7 +164,7 @@ class _Judge:
             same = [path for path in places if self._hash(path) == digest]
             named.update(dict.fromkeys(same[:1] or places[:1], digest))
         state, reason = self._of_inputs(named)
-        verdict = "certified" if item.content["certified"] else str(item.content.get("statement", "not certified"))
+        verdict = str(item.content.get("statement", "not certified"))
         return state, f"{verdict}{'; ' * bool(reason)}{reason}"
 
     def _of_bearing(self, made: Mapping[str, Any]) -> tuple[State, str]:
