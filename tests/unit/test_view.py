@@ -6,6 +6,7 @@ import json
 import math
 import struct
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -93,6 +94,14 @@ def test_what_ends_something_waits_for_no_other_order() -> None:
     for ending in ENDING:
         assert [other for other in known if orders.lane(other) is orders.lane(ending)] == [ending]
     orders.close()
+
+
+@pytest.mark.parametrize(("complete", "ends"), [(True, "2 amplitudes"), (False, "max_sweeps are done")])
+def test_a_map_that_is_not_resolved_is_named_so(monkeypatch: pytest.MonkeyPatch, complete: bool, ends: str) -> None:
+    region_map = SimpleNamespace(amplitudes=[1e-5, 2e-5], complete=complete)
+    client = SimpleNamespace(use_run=lambda run: None, build_map=lambda progress: region_map)
+    monkeypatch.setattr("amb_bringup.view.orders.AmbClient", lambda timeout: client)
+    assert Orders(lambda: 0).carry_out("build_map", {}, lambda _text: None).endswith(ends)
 
 
 def test_the_form_of_every_excitation_has_its_declared_settings() -> None:

@@ -103,7 +103,8 @@ class RegionCalls(GraphConnection):
         Returns
         -------
         RegionMap
-            After a cancellation the map of the finished sweeps, which is not `complete`.
+            Not `complete` if `max_sweeps` are done before all boundaries are resolved, or, with the finished sweeps,
+            after a cancellation.
 
         Raises
         ------

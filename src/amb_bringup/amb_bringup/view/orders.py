@@ -167,7 +167,8 @@ def _build_map(client: AmbClient, _settings: Settings, report: Report) -> str:
         report(f"sweeps: {progress.done} of {progress.total}")
 
     region_map = client.build_map(progress=on_progress)
-    return f"region map of {len(region_map.amplitudes)} amplitudes"
+    resolved = "" if region_map.complete else "; not all boundaries are resolved, max_sweeps are done"
+    return f"region map of {len(region_map.amplitudes)} amplitudes{resolved}"
 
 
 def _identify(client: AmbClient, settings: Settings, report: Report) -> str:
