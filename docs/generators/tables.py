@@ -15,7 +15,7 @@ TABLE = re.compile(r"(<!-- parameters: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL
 def parameter_table(parameters: type[Parameters]) -> str:
     """A row for each parameter: name, default, unit, allowed values, description, and whether it can be changed.
 
-    In addition whether the paper states the default or it is assumed, where the declarations say so.
+    In addition whether the paper states the default or another one, or it is assumed, where the declarations say so.
     """
     declared = list(own_declarations(parameters))
     sourced = any(item.source for item in declared)

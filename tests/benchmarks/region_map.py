@@ -1,4 +1,4 @@
-"""A region map: 24 amplitudes, the paper's sweeps of 20 s, full plant with linear iron, two processes, empty cache.
+"""A region map: 24 amplitudes, sweeps of 20 s, full plant with linear iron, two processes, empty cache.
 
 The efficiency compares one process with two on this map; all times include the start of the cluster.
 """

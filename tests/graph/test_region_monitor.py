@@ -93,7 +93,7 @@ def same(message: RegionState, state: Any) -> bool:
 
 
 class LiveSweep:
-    """The paper's sweep of 50 um until the rotor delevitates, monitored and recorded."""
+    """A sweep of 50 um until the rotor delevitates, monitored and recorded."""
 
     def __init__(self, graph: Graph, bearing: Any) -> None:
         self.graph = graph

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,6 +22,7 @@ from amb_paper.campaign import run_campaign
 from amb_paper.page import paper_report
 from amb_paper.studies import OPENING, STUDIES, studies_named
 from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyError, StudyResult, Workplace
+from amb_paper.sweeps import sweep_settings
 
 
 class Drawing(Study):
@@ -126,6 +130,61 @@ def test_the_report_shows_where_every_setting_and_value_comes_from() -> None:
     sources = {row[0]: row[-1] for row in bearing.rows}
     assert sources["controller.current_limit"] == "assumed"
     assert sources["magnetic_circuit.air_gap"] == "stated: table 1"
+    assert sources["iron.hysteresis"].startswith("against section 2.4")
+
+
+STATED = {  # by study: where the paper states something of the figure or claim that the study is about
+    "fig2": set(),  # section 2.1 gives no number, and not which bearing with 1 DOF it is
+    "fig3": set(),
+    "equations": {"section 2.2", "equation (1)"},
+    "causes": {"footnote 5", "table 1"},
+    "causes-slow-amplifier": {"footnote 5", "table 1"},
+    "fig5": {"section 2.3", "table 1"},
+    "fig6-7": {"section 2.3"},
+    "fig8-9": set(),  # "numerous frequency sweeps (of various combinations of the amplitude and maximum frequency)"
+    "fig11-12": set(),  # "at the specified amplitude"; the 50 um of section 4 are those of the identification
+    "fig13": {"section 4", "section 3.2", "sections 3.3 and 3.4"},
+    "fig15": {"section 4"},
+    "multisine": {"section 4"},
+    "arx": set(),
+}
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
+def test_a_study_marks_as_stated_only_what_the_paper_states_of_its_figure(study: Study) -> None:
+    tree = ast.parse(inspect.getsource(inspect.getmodule(type(study))))
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    marks = {text.removeprefix("stated: ") for text in texts if text.startswith("stated")}
+    assert marks == STATED[study.name]
+
+
+def test_the_sweep_of_fig_5_is_assumed_for_the_other_figures() -> None:
+    assert {one.source for one in sweep_settings().values()} == {"assumed, as stated for Fig. 5", "assumed"}
+    assert sweep_settings("stated: section 2.3")["frequency"].source == "stated: section 2.3"
+
+
+@pytest.mark.parametrize("study", STUDIES, ids=lambda study: study.name)
+def test_a_study_says_what_its_bearings_have_against_the_paper(study: Study) -> None:
+    differs = {
+        "fig5": [],  # its iron has saturation and hysteresis
+        "equations": [],  # equation (1) has a constant permeability
+        "fig6-7": ["rotor", "iron"],  # measured on the rig
+        "causes-slow-amplifier": ["supply", "iron"],
+    }
+    assert list(study.against) == differs.get(study.name, ["iron"])
+    assert all(setting.source.startswith("against ") for setting in study.against.values())
+
+
+def test_claims_on_a_bearing_against_the_paper_agree_in_part_at_most_and_our_own_as_they_are() -> None:
+    class Differing(Drawing):
+        against: ClassVar[Mapping[str, Setting]] = {"supply": Setting("a supply of 30 V", "against table 1")}
+
+    drawn = Drawing().run()
+    result = Differing().result(drawn.figures, drawn.claims, drawn.parameters, drawn.notes, ours=drawn.claims)
+    assert [claim.verdict for claim in result.claims] == ["agrees in part", "agrees"]
+    assert result.claims[0].reason == "This experiment has a supply of 30 V, against the paper."
+    assert result.parameters == {**drawn.parameters, **Differing.against}
+    assert Drawing().result(drawn.figures, drawn.claims, drawn.parameters, drawn.notes) == drawn
 
 
 def test_results_are_plain_json() -> None:

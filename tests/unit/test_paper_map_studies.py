@@ -36,5 +36,6 @@ def test_a_study_has_figures_for_its_claims(study: Study, workplace: Workplace) 
     assert all(claim.verdict in ANSWERS and claim.finding for claim in result.claims)
     assert all(len(figure.page) < LARGEST_PAGE for figure in result.figures)
     assert all(claim.reason for claim in result.claims if claim.verdict != "agrees")
+    assert not study.against or all(claim.verdict != "agrees" for claim in result.claims)
     told = " ".join((*result.notes, *(claim.finding for claim in result.claims)))
     assert not re.search(r"\bnan\b", told), "a number that is none"

@@ -208,9 +208,9 @@ def test_effects_are_told_region_by_region(swept) -> None:
 
 
 @pytest.mark.slow
-def test_the_study_of_one_axis_agrees_as_far_as_table_1_goes() -> None:
+def test_the_study_of_one_axis_agrees_in_part() -> None:
     verdicts = {claim.id: claim.verdict for claim in OneAxisSweep().run().claims}
-    assert verdicts["one-axis-linear-model"] == "agrees"
+    assert verdicts["one-axis-linear-model"] == "agrees in part"  # its iron is against the paper
     assert verdicts["one-axis-regions"] == "agrees in part"
     assert verdicts["slow-oscillation-frequency"] == "agrees in part"
 

@@ -1,4 +1,4 @@
-"""Region maps of the paper's bearing: the paper's sweeps on the full plant with linear iron."""
+"""Region maps of the paper's bearing: its sweep of Fig. 5 on the full plant with linear iron."""
 
 from __future__ import annotations
 

@@ -350,7 +350,7 @@ def test_frequency_of_a_sweep_is_tracked() -> None:
 
 
 def sweep_of_bearing(amplitude: float, controller: ControllerParameters | None = None, **plant: float) -> LoopRecord:
-    """The paper's sweep, 10 Hz to 5 kHz in 20 s on y, after a second at rest."""
+    """The sweep that the paper states for Fig. 5, 10 Hz to 5 kHz in 20 s on y, after a second at rest."""
     sweep = Sweep(amplitude=amplitude, duration=20.0, frequency_start=10.0, frequency_end=5_000.0, axes="y")
     bearing = Plant(validate(PlantParameters, plant))
     return simulate(

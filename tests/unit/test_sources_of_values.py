@@ -1,4 +1,4 @@
-"""Every default of the paper's bearing is marked as stated by the paper, with the place, or as assumed."""
+"""Every default of the paper's bearing is marked as stated by the paper, with the place, assumed, or against it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_the_paper_states_a_default_or_it_is_assumed(name: str) -> None:
     if NEITHER.fullmatch(item.name):
         assert item.source == ""
     else:
-        assert re.match(r"stated: (table 1|Fig\. \d+|section \d\.\d)|assumed", item.source), item.source
+        assert re.match(r"(stated: |against )(table 1|Fig\. \d+|section \d\.\d)|assumed", item.source), item.source
     assert "assumed" not in item.description  # said once, in the source
 
 
@@ -46,6 +46,23 @@ def test_the_limits_of_currents_are_assumed() -> None:
     assert items["controller.current_limit"].source == "assumed"
     assert items["amplifier.current_limit"].source == "assumed"
     assert items["amplifier.supply_voltage"].source == "stated: table 1"
+
+
+def test_half_of_the_mass_of_the_rotor_is_assumed() -> None:
+    items = all_declarations()
+    assert items["rotor.mass"].source == "assumed: half of the 12.5 kg of table 1"
+    assert items["rigid_rotor.mass"].source == "stated: table 1"
+
+
+def test_the_paper_limits_the_duty_cycle_only() -> None:
+    assert all_declarations()["amplifier.limits"].source == "stated: section 2.4, of the duty cycle; else assumed"
+
+
+def test_iron_without_saturation_and_hysteresis_is_against_the_paper() -> None:
+    items = all_declarations()
+    for name in ("iron.saturation", "iron.hysteresis"):
+        assert items[name].default is False
+        assert items[name].source == "against section 2.4, which has it, without values"
 
 
 def test_the_parameter_file_marks_what_is_assumed() -> None:

@@ -73,16 +73,17 @@ def paper_report(
 
 
 def values_section() -> Section:
-    """The values of the bearing, each stated by the paper or assumed."""
+    """The values of the bearing, each stated by the paper, assumed, or against it."""
     values = values_with_sources(PlantParameters(), ControllerParameters())
     rows = [(one.name, shown_value(one.value), "" if one.unit == "-" else one.unit, one.source) for one in values]
     return Section(
-        "The values: stated or assumed",
+        "The values: stated, assumed, or against the paper",
         [
             Prose(
                 "The bearing of all studies, except for what a study gives as its own. Values that the paper states "
-                "come with the place; all others are assumed, above all the limit of the control current, which "
-                "decides where the bearing falls."
+                "come with the place. Its iron has no saturation and no hysteresis, against the simulation of section "
+                "2.4, since the paper does not state their data: claims on it agree in part at most. All other values "
+                "are assumed, above all the limit of the control current, which decides where the bearing falls."
             ),
             TableBlock(("parameter", "value", "unit", "source"), rows, "The bearing", filters=("source",)),
         ],

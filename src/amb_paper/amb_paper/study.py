@@ -69,20 +69,27 @@ def judged(as_stated: Sequence[bool], changed: Sequence[bool] = ()) -> Answer:
     return "agrees in part" if any((*as_stated, *changed)) else "does not agree"
 
 
-def with_another_value(claim: Claim, value: str) -> Claim:
-    """A claim that was evaluated on a bearing with another value than the paper states: it agrees in part at most."""
+def with_another_value(claim: Claim, *values: str) -> Claim:
+    """A claim that was evaluated on a bearing with other values than the paper states: it agrees in part at most."""
     verdict: Answer = "agrees in part" if claim.verdict == "agrees" else claim.verdict
-    return replace(
-        claim, verdict=verdict, reason=f"This bearing has {value}, against the paper. {claim.reason}".strip()
-    )
+    reason = f"This experiment has {' and '.join(values)}, against the paper. {claim.reason}".strip()
+    return replace(claim, verdict=verdict, reason=reason)
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A setting of an experiment: its value with unit, and whether the paper states it, and where, or it is assumed."""
+    """A setting of an experiment: its value with unit, and its source.
+
+    The source is the place where the paper states the value *of the figure or claim that the study is about*
+    (`stated: table 1`), or where it states another one (`against table 1`); all else is `assumed`.
+    """
 
     value: str
     source: str = "assumed"
+
+
+LINEAR_IRON: Mapping[str, Setting] = {"iron": Setting("iron without saturation and hysteresis", "against section 2.4")}
+"""Of the default bearing. Section 2.4 has both in the simulation of Fig. 9, taken here for all of the paper's."""
 
 
 @dataclass(frozen=True)
@@ -167,11 +174,14 @@ class Study(Task[StudyResult]):
         Heading of its section in the report.
     parallel : bool
         Whether it runs on a worker of the cluster; otherwise it runs in the program itself and may use cluster or ROS.
+    against : mapping of str to Setting
+        Settings of all its bearings that the paper states otherwise: its claims agree in part at most.
     """
 
     name: ClassVar[str]
     heading: ClassVar[str]
     parallel: ClassVar[bool] = True
+    against: ClassVar[Mapping[str, Setting]] = {}
 
     @abstractmethod
     def run(self) -> StudyResult:
@@ -180,6 +190,28 @@ class Study(Task[StudyResult]):
     def run_at(self, workplace: Workplace) -> StudyResult:
         """As `run`, for a study that is not parallel and writes files or uses the cluster."""
         return self.run()
+
+    def result(
+        self,
+        figures: Sequence[DrawnFigure],
+        claims: Sequence[Claim],
+        parameters: Mapping[str, Setting],
+        notes: Sequence[str],
+        ours: Sequence[Claim] = (),
+    ) -> StudyResult:
+        """Its result, with the settings `against` the paper; they limit the verdicts on `claims`, not those on `ours`.
+
+        Parameters
+        ----------
+        figures, claims, parameters, notes
+            As in `StudyResult`.
+        ours : sequence of Claim, optional
+            Our own statements, which the paper does not make.
+        """
+        if self.against:
+            values = [setting.value for setting in self.against.values()]
+            claims = [with_another_value(claim, *values) for claim in claims]
+        return StudyResult(figures, [*claims, *ours], {**parameters, **self.against}, notes)
 
     def files_are_whole(self, folder: Path) -> bool:
         """Whether its files in the folder of a workplace are complete; otherwise it is run again."""

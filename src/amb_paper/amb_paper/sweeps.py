@@ -1,4 +1,4 @@
-"""The paper's sweep: 10 Hz to 5 kHz in 20 s on y, of one amplitude, until the rotor delevitates."""
+"""The sweep that the paper states for Fig. 5, assumed for its other figures: 10 Hz to 5 kHz in 20 s on y."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from amb_core.report.figures.sweep_comparison import SweepCase, onset_summary
 from amb_paper.study import Setting
 
 ONE_AXIS = {"magnetic_circuit.actuators": "differential"}
-"""The paper's bearing with 1 DOF: electromagnets above and below the rotor, in differential mode (its footnote 5)."""
+"""A bearing with 1 DOF as in the paper's footnote 5: electromagnets above and below the rotor, in differential mode."""
 
 TOP_COIL = {"magnetic_circuit.actuators": "top_coil"}
-"""The paper's bearing with 1 DOF as in its eq. (1): only the electromagnet above the rotor carries a current."""
+"""A bearing with 1 DOF as in the paper's eq. (1): only the electromagnet above the rotor carries a current."""
 
 SLOW_AMPLIFIER = {"amplifier.supply_voltage": 30.0}
 """A tenth of the paper's supply voltage: current loop ten times slower, slew limit ten times lower."""
@@ -39,11 +39,6 @@ SLOW_NOTE = (
 )
 
 REST = 1.0  # s, before the sweep: the rotor settles at its sag
-SWEEP = {
-    "frequency": Setting("10 Hz to 5 kHz in 20 s, linear", "stated: section 2.3"),
-    "axis": Setting("y", "stated: section 2.3"),
-    "before the sweep": Setting(f"{REST:g} s at rest"),
-}
 
 
 @dataclass(frozen=True)
@@ -90,6 +85,15 @@ class SweptBearing:
 
 
 def paper_sweep(amplitude: float, sample_rate: float, axis: Literal["x", "y"] = "y") -> ExcitationSignal:
+def sweep_settings(source: str = "assumed, as stated for Fig. 5") -> dict[str, Setting]:
+    """Settings of the sweep; by default of another figure than Fig. 5, of which alone the paper states them."""
+    return {
+        "frequency": Setting("10 Hz to 5 kHz in 20 s, linear", source),
+        "axis": Setting("y", source),
+        "before the sweep": Setting(f"{REST:g} s at rest"),
+    }
+
+
     """The sweep with an amplitude (m)."""
     sweep = Sweep(amplitude=amplitude, frequency_start=10.0, frequency_end=5_000.0, duration=20.0, axes=axis)
     return generate(sweep, sample_rate)

@@ -128,7 +128,7 @@ class Onsets(Figures):
 
 
 class PaperSweeps(Figures):
-    """The paper's sweep, and what changes it; amplitudes in um."""
+    """The sweep that the paper states for Fig. 5, and what changes it; amplitudes in um."""
 
     amplitudes: list[int]
     paper: Onsets

@@ -1,4 +1,4 @@
-"""Where the regions of the paper's bearing begin in its sweep, 10 Hz to 5 kHz in 20 s on y, and what changes that.
+"""Where the regions of the paper's bearing begin in the sweep of its Fig. 5, and what changes that.
 
 Each variant changes one thing of the loop. A region of a variant begins at one frequency for each amplitude, or None
 where the sweep has no such region.

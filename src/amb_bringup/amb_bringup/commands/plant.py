@@ -37,7 +37,7 @@ def describe(
     params: ParamsOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON, values in SI units, instead of tables.")] = False,
 ) -> None:
-    """Print constants and effects of bearing and loop, and which values the paper states and which are assumed."""
+    """Print constants and effects of bearing and loop, and which values the paper states or contradicts."""
     path = parameter_file(params)
     plant_parameters = load_parameters(SimulatorParameters, path, "simulator")
     controller = load_parameters(PdControllerParameters, path, "pd_controller")
@@ -116,7 +116,9 @@ def _effects(entries: list[Entry]) -> Table:
 
 def _values(values: list[SourcedValue]) -> Table:
 
-    table = Table("parameter", "value", "unit", "source", title="The paper states these values, or they are assumed")
+    table = Table(
+        "parameter", "value", "unit", "source", title="The paper states these values, or others, or they are assumed"
+    )
     table.columns[1].justify = "right"
     for one in values:
         table.add_row(one.name, shown_value(one.value), one.unit, one.source)

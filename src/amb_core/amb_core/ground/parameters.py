@@ -57,7 +57,8 @@ def quantity(
     """Declare a number with unit (`-` for none) and closed range.
 
     `runtime`: may be changed while a node runs. `source`: whether the paper states the default, as `stated: table 1`,
-    or it is `assumed`; empty for a parameter that has nothing to do with the paper.
+    or another one, as `against section 2.4`, or it is `assumed`; empty for a parameter that has nothing to do with the
+    paper.
     """
     extra = {"unit": unit, "runtime": runtime, "source": source}
     return Field(default, ge=minimum, le=maximum, description=description, json_schema_extra=cast(Any, extra))
@@ -102,7 +103,8 @@ class Declaration:
     """One parameter as declared: dotted name, type, default, unit, description, range or choices.
 
     `of_machine` names the simulator's parameter that decides it; empty for a parameter of its own. `source`: whether
-    the paper states the default (`stated: table 1`) or it is `assumed`; empty if it has nothing to do with the paper.
+    the paper states the default (`stated: table 1`) or another one (`against section 2.4`), or it is `assumed`; empty
+    if it has nothing to do with the paper.
     """
 
     name: str

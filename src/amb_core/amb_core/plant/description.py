@@ -169,7 +169,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
 
 
 def values_with_sources(parameters: PlantParameters, controller: ControllerParameters) -> list[SourcedValue]:
-    """Values of a plant and its controller, stated by the paper or assumed, without parts that the plant does not have.
+    """Values of a plant and its controller, stated by the paper, assumed or against it, without absent parts.
 
     Parameters
     ----------

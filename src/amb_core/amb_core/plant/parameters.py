@@ -1,6 +1,7 @@
 """Parameters of the plant: power amplifiers, magnetic circuit, iron, sensors; with those of the rotor.
 
-The declaration of each says whether the paper states its default, and where, or it is assumed (`source`).
+The declaration of each says whether the paper states its default, or another one, and where, or it is assumed
+(`source`).
 """
 
 from __future__ import annotations
@@ -103,12 +104,12 @@ class IronParameters(Parameters):
     saturation: bool = switch(
         False,
         "flux density saturates along a curve; false: relative_permeability",
-        source="assumed: section 2.4 has it, without values",
+        source="against section 2.4, which has it, without values",
     )
     hysteresis: bool = switch(
         False,
         "flux density follows loops (Jiles-Atherton); needs saturation",
-        source="assumed: section 2.4 has it, without values",
+        source="against section 2.4, which has it, without values",
     )
     eddy_currents: bool = switch(True, "eddy currents in the laminations", source="stated: section 2.4")
     laminations: Literal["thin", "diffusion"] = choice(
@@ -185,7 +186,7 @@ class AmplifierParameters(Parameters):
     limits: bool = switch(
         True,
         "duty cycle and coil current reference are limited; false only without switching",
-        source="stated: section 2.4",
+        source="stated: section 2.4, of the duty cycle; else assumed",
     )
     unipolar: bool = switch(True, "the coil current cannot become negative", source="assumed")
 

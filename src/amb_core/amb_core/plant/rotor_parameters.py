@@ -25,7 +25,7 @@ class RotorParameters(Parameters):
         "point mass carried by the bearing: half of the rotor",
         1e-3,
         1e5,
-        source="stated: table 1, half of 12.5 kg",
+        source="assumed: half of the 12.5 kg of table 1",
     )
     gravity: float = quantity(
         9.81,

@@ -22,7 +22,7 @@ from amb_core.report.figures.style import BLUE, GREEN, ORANGE, PURPLE, REFERENCE
 from amb_core.report.figures.thinning import extremes
 from amb_paper.graph_experiment import SETTLING
 from amb_paper.square_waves import EXPERIMENT, ORDER
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult
 
 NOISES = (0.0, 0.1e-6, 1e-6)  # m, standard deviation of the sensors' noise; none in the paper's simulation
 LAGS = (2, 3, 5, 8, 10, 15, 20, 30)
@@ -58,6 +58,7 @@ class ArxTransients(Study):
 
     name = "arx"
     heading = "Section 3.3: ARX models and their transients"
+    against = LINEAR_IRON
 
     def run(self) -> StudyResult:
         """Simulate, identify, compare."""
@@ -77,7 +78,7 @@ class ArxTransients(Study):
                 transients.append(transient)
                 if lags == SAME_ORDER and simulated is not None:
                     shown["ARX"] = simulated
-        return StudyResult(
+        return self.result(
             [
                 DrawnFigure.of("arx-transient", _response_chart(truth, shown)),
                 DrawnFigure.of("arx-error", _error_chart(transients)),
@@ -87,7 +88,7 @@ class ArxTransients(Study):
                 "data": Setting(f"the square waves of Fig. 13, {truth.steps:,} samples"),
                 "noise of the sensors": Setting(", ".join(f"{UM * noise:g} µm" for noise in NOISES)),
                 "ARX": Setting(f"least squares, {LAGS[0]} to {LAGS[-1]} lags of both positions and both currents"),
-                "state space": Setting(f"PEM, order {ORDER}", "stated: section 4"),
+                "state space": Setting(f"PEM, order {ORDER}", "assumed, as stated for Fig. 13"),
             },
             [
                 "ARX fits the next sample by least squares, and noise of the sensors enters its regressors. At a high "

@@ -10,15 +10,15 @@ import numpy as np
 
 from amb_core.regions import Region
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged, with_another_value
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, judged
 from amb_paper.sweeps import (
     ONE_AXIS,
     SLOW_AMPLIFIER,
     SLOW_NOTE,
     SLOW_VALUE,
-    SWEEP,
     SweptBearing,
     sweep_bearing,
+    sweep_settings,
 )
 
 AMPLITUDE = 15e-6  # m, as in Fig. 2
@@ -73,23 +73,21 @@ class Causes(Study):
     title: ClassVar[str]
     bearing: ClassVar[str]
     notes: ClassVar[tuple[str, ...]]
-    other_value: ClassVar[str] = ""  # against the paper
+    against = LINEAR_IRON
 
     def run(self) -> StudyResult:
         """Simulate all cases, draw, evaluate."""
         runs = {name: sweep_bearing(AMPLITUDE, {**ONE_AXIS, **self.values, **case}) for name, case in CASES.items()}
         chart = sweep_comparison_chart([run.case(name) for name, run in runs.items()], title=self.title)
         claims = [cause_claim(self.name, runs), speed_claim(self.name, rotor_speed(runs[ALL]), runs[ALL])]
-        if self.other_value:
-            claims = [with_another_value(claim, self.other_value) for claim in claims]
-        return StudyResult(
+        return self.result(
             [DrawnFigure.of(self.name, chart)],
             [replace(claim, statement=f"{claim.statement} Here {self.bearing}.") for claim in claims],
             {
                 "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-                **SWEEP,
+                **sweep_settings(),
                 "bearing": Setting("one axis, electromagnets above and below", "stated: footnote 5"),
-                "supply": Setting(self.bearing, "against table 1" if self.other_value else "stated: table 1"),
+                "supply": Setting(self.bearing, "stated: table 1"),
             },
             [*self.notes, SWITCHES, effects_note(runs)],
         )
@@ -118,7 +116,7 @@ class SlowAmplifierCauses(Causes):
     bearing = "with the slow amplifier"
     title = "Slow amplifier: the sweep without one effect at a time"
     notes = (SLOW_NOTE,)
-    other_value = SLOW_VALUE
+    against: ClassVar[Mapping[str, Setting]] = {"supply": Setting(SLOW_VALUE, "against table 1"), **LINEAR_IRON}
 
 
 def cause_claim(figure: str, runs: Mapping[str, SweptBearing]) -> Claim:

@@ -16,7 +16,7 @@ from amb_core.report.figures.sweep_error import sweep_error_chart
 from amb_paper import square_waves
 from amb_paper.graph_experiment import SETTLING, GraphExperiment, equality_claim
 from amb_paper.square_waves import model_from_squares
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace, judged
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, Workplace, judged
 
 SWEEP = Sweep(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=5.0, axes="both")
 EXPERIMENT = GraphExperiment("fig15-sweep", SWEEP)
@@ -29,6 +29,7 @@ class ConcurrentSweep(Study):
 
     name = "fig15"
     heading = "Fig. 15: a sweep on both axes at once, plant and model"
+    against = LINEAR_IRON
     parallel = False
 
     def run(self) -> StudyResult:
@@ -52,12 +53,9 @@ class ConcurrentSweep(Study):
         errors = sweep_error(measured, simulated, frequency)
         title = "Sweep on both axes: plant and model from square waves"
         chart = sweep_chart(without.record, classification, known, over="frequency", model=simulated, title=title)
-        return StudyResult(
+        return self.result(
             [DrawnFigure.of("fig15", chart), DrawnFigure.of("fig15-error", sweep_error_chart(errors))],
-            [
-                *claims(errors, classification, float(frequency[-1]), without.delevitated),
-                equality_claim("concurrent-sweep", "Fig. 15", without, through),
-            ],
+            claims(errors, classification, float(frequency[-1]), without.delevitated),
             {
                 "excitation": Setting(
                     f"sine of {UM * SWEEP.amplitude:g} µm on x and y at once, swept from {SWEEP.frequency_start:g} Hz "
@@ -76,6 +74,7 @@ class ConcurrentSweep(Study):
                 "Model and plant have the same controller, with the same limit of the control current. Where the sweep "
                 "reaches that limit, the model drifts too, but less than the plant.",
             ],
+            ours=[equality_claim("concurrent-sweep", "Fig. 15", without, through)],
         )
 
     def files_are_whole(self, folder: Path) -> bool:

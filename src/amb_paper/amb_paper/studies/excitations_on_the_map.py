@@ -16,7 +16,7 @@ from amb_core.report.figures.overlay import overlay_chart
 from amb_core.report.figures.trial import trial_chart
 from amb_core.report.pages import Answer
 from amb_paper.studies.frequency_amplitude_graph import paper_map
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 
 RATE = ControllerParameters().sample_rate
 NOISE = WhiteNoise(amplitude=5e-6, frequency_start=10.0, frequency_end=5_000.0, duration=3.0, axes="y")
@@ -31,6 +31,7 @@ class ExcitationsOnTheMap(Study):
 
     name = "fig11-12"
     heading = "Fig. 11 and 12: excitations on the graph"
+    against = LINEAR_IRON
     parallel = False  # the map may have to be built
 
     def run(self) -> StudyResult:
@@ -48,7 +49,7 @@ class ExcitationsOnTheMap(Study):
         pulse_map = overlay_chart(
             checks[PULSES], region_map, f"Rectangular pulses of {_amplitude(PULSES)} on the graph"
         )
-        return StudyResult(
+        return self.result(
             [
                 DrawnFigure.of("fig11", noise_map),
                 DrawnFigure.of("fig12", pulse_map),
@@ -62,7 +63,7 @@ class ExcitationsOnTheMap(Study):
             ],
             {
                 "white noise": Setting(f"{_amplitude(NOISE)} rms on y, flat from 10 Hz to 5 kHz, {NOISE.duration:g} s"),
-                "amplitude of the pulses": Setting(_amplitude(PULSES), "stated: section 4"),
+                "amplitude of the pulses": Setting(_amplitude(PULSES), "assumed, as stated for Fig. 13"),
                 "pulses": Setting(f"{PULSES.frequency:g} Hz, on x and then on y, {PULSES.duration:g} s"),
             },
             [

@@ -26,7 +26,7 @@ from amb_core.regions import Region, classify
 from amb_core.regions.stretches import stretches
 from amb_core.report.figures.force import force_chart, force_speed_chart
 from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged
-from amb_paper.sweeps import REST, SWEEP, TOP_COIL, paper_sweep
+from amb_paper.sweeps import REST, TOP_COIL, paper_sweep, sweep_settings
 
 AMPLITUDE = 15e-6  # m, as in Fig. 2
 WINDOWS = (100.0, 600.0, 1_690.0)  # Hz of the input in the middle of each trace: in regions A, B and C
@@ -80,8 +80,9 @@ class ForceEquations(Study):
             ],
             {
                 "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-                **SWEEP,
+                **sweep_settings(),
                 "bearing": Setting("the electromagnet above the rotor alone, no cross-coupling", "stated: section 2.2"),
+                "iron": Setting("of constant permeability", "stated: equation (1)"),
                 "simplified": Setting("no eddy currents, average voltages"),
                 "traced": Setting(
                     f"{TRACED} samples at each of {', '.join(f'{middle:g} Hz' for middle in WINDOWS)}, "

@@ -15,8 +15,8 @@ from amb_core.regions.region_map import Comparison, MapSettings, RegionMap, anal
 from amb_core.report.figures.region_map import map_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.report.pages import Answer
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace, judged
-from amb_paper.sweeps import SWEEP, sweep_bearing
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, Workplace, judged
+from amb_paper.sweeps import sweep_bearing, sweep_settings
 
 SHOWN = (10e-6, 20e-6, 35e-6, 60e-6)  # m, amplitudes whose responses are drawn
 GRID = 400  # points on each axis of the map at which the region is evaluated
@@ -27,6 +27,7 @@ class FrequencyAmplitudeGraph(Study):
     """The region map of the paper's bearing, from as many sweeps as its boundaries need."""
 
     name = "fig8-9"
+    against = LINEAR_IRON
     heading = "Fig. 8 and 9: the frequency-amplitude graph"
     parallel = False  # its sweeps run on the cluster
 
@@ -42,12 +43,12 @@ class FrequencyAmplitudeGraph(Study):
         series = sweep_comparison_chart(responses, title="Sweeps on y of rising amplitude")
         graph = map_chart(region_map, lines, "Frequency-amplitude graph of the two-axis bearing")
         amplitudes = f"{1e6 * region_map.amplitudes[0]:g} to {1e6 * region_map.amplitudes[-1]:g} µm"
-        return StudyResult(
+        return self.result(
             [DrawnFigure.of("fig8", series), DrawnFigure.of("fig9", graph)],
             [judge_regions(region_map), judge_fall(region_map), judge_speed(region_map), judge_extent(region_map)],
             {
                 "amplitudes": Setting(f"{amplitudes}, {len(region_map.sweeps)} sweeps"),
-                **SWEEP,
+                **sweep_settings(),
                 "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
             },
             [

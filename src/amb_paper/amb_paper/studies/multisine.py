@@ -16,7 +16,7 @@ from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.drawing import Axis, Item, Panel, Points, Table
 from amb_core.report.figures.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, Marker
 from amb_paper.model_trials import DataSet, ModelTask, ModelTrial, run_trials
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 
 ORDERS = range(4, 17)
 PAPER = Multisine(amplitude=50e-6, frequency_start=11.0, frequency_end=400.0, duration=2.0, axes="both")
@@ -48,6 +48,7 @@ class MultisineModels(Study):
 
     name = "multisine"
     heading = "Section 4: models from data beyond region A"
+    against = LINEAR_IRON
     parallel = False
 
     def run(self) -> StudyResult:
@@ -65,7 +66,7 @@ class MultisineModels(Study):
 
         trials = run_trials(tasks, workplace, judge_regions)
         regions = {data.name: runs[data.name].region for data in DATA}
-        return StudyResult(
+        return self.result(
             [DrawnFigure.of("multisine-models", _chart(trials, regions))],
             [_region_claim(runs, as_rms), beyond_claim(trials, regions), control_claim(trials, regions)],
             {

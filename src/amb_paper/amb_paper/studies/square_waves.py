@@ -19,7 +19,7 @@ from amb_core.report.figures.thinning import extremes, thinned_path
 from amb_core.report.pages import Answer
 from amb_paper.graph_experiment import SETTLING, equality_claim
 from amb_paper.square_waves import EXPERIMENT, model_from_squares
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, Workplace
 
 REPLICATES = 90.0  # percent; fit of both axes above which the model counts as replicating the response
 ORBIT, RESPONSE = "Orbit of plant and model", "Response of plant and model to square waves"
@@ -73,6 +73,7 @@ class SquareWaves(Study):
     name = "fig13"
     heading = "Fig. 13 and 14: square waves, and the model identified from them"
     parallel = False
+    against = LINEAR_IRON
 
     def run(self) -> StudyResult:
         """Run in the usual workplace."""
@@ -86,15 +87,12 @@ class SquareWaves(Study):
         measured = without.excited
         means = Means.of(identification.model, measured)
         excitation = EXPERIMENT.signal.parameters.model_dump()
-        return StudyResult(
+        return self.result(
             [
                 DrawnFigure.of("fig13", _side_by_side(ORBIT, orbit_chart, _thinner_orbit, measured, means)),
                 DrawnFigure.of("fig14", _side_by_side(RESPONSE, response_chart, _thinner_response, measured, means)),
             ],
-            [
-                *claims(identification, means, means.dynamics(measured)),
-                equality_claim("square-waves", "Fig. 13, 14", without, through),
-            ],
+            claims(identification, means, means.dynamics(measured)),
             {
                 "amplitude of the squares": Setting(f"{UM * excitation['amplitude']:g} µm", "stated: section 4"),
                 "squares": Setting(
@@ -103,7 +101,7 @@ class SquareWaves(Study):
                 "before": Setting(f"{SETTLING * measured.sample_time:g} s at rest"),
                 "sample rate": Setting(f"{1.0 / measured.sample_time:g} Hz", "stated: section 3.2"),
                 "order of the model": Setting(f"{identification.model.order}", "stated: section 4"),
-                "method": Setting("subspace, then PEM with prediction focus", "stated: section 3.4"),
+                "method": Setting("subspace, then PEM with prediction focus", "stated: sections 3.3 and 3.4"),
                 "subspace method": Setting("SSARX"),
                 "samples": Setting(f"{measured.steps:,}", "result"),
                 "poles": Setting(_poles(identification), "result"),
@@ -116,6 +114,7 @@ class SquareWaves(Study):
                 identification.summary + ".",
             ],
         )
+            ours=[equality_claim("square-waves", "Fig. 13, 14", without, through)],
 
     def files_are_whole(self, folder: Path) -> bool:
         """Whether the bag exists."""

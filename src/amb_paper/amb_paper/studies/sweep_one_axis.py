@@ -18,18 +18,18 @@ from amb_core.regions import Region
 from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, judged
 from amb_paper.sweeps import (
     ONE_AXIS,
     SLOW_AMPLIFIER,
     SLOW_NOTE,
     SLOW_VALUE,
-    SWEEP,
     TOP_COIL,
     SweptBearing,
     in_order,
     order_reason,
     sweep_bearing,
+    sweep_settings,
 )
 
 AMPLITUDE = 15e-6  # m; the paper does not state its value
@@ -76,6 +76,7 @@ class OneAxisSweep(Study):
 
     name = "fig2"
     heading = "Fig. 2: the bearing with one axis under a sweep, and a linear model"
+    against = LINEAR_IRON
 
     def run(self) -> StudyResult:
         """Simulate, classify, identify, draw, evaluate."""
@@ -100,7 +101,7 @@ class OneAxisSweep(Study):
             )
             figures.append(DrawnFigure.of(figure, chart))
         figures += [DrawnFigure.of(name, chart) for name, chart in _comparisons(top, scan).items()]
-        return StudyResult(
+        return self.result(
             figures,
             [
                 linear_claim({PAPER: fits[PAPER], TOP: fits[TOP]}, {SLOW: fits[SLOW]}),
@@ -136,9 +137,9 @@ def _comparisons(top: dict[float, SweptBearing], scan: dict[float, SweptBearing]
 def _settings() -> dict[str, Setting]:
     return {
         "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-        **SWEEP,
-        "first bearing": Setting("electromagnets above and below the rotor", "stated: footnote 5"),
-        "second bearing": Setting("the electromagnet above the rotor alone", "stated: section 2.2"),
+        **sweep_settings(),
+        "first bearing": Setting("electromagnets above and below the rotor", "assumed, as in footnote 5"),
+        "second bearing": Setting("the electromagnet above the rotor alone", "assumed, as in equation (1)"),
         "third bearing": Setting(f"as the first, with {SLOW_VALUE}", "against table 1"),
         "control current limit": Setting(f"{ControllerParameters().current_limit:g} A"),
         "identification": Setting(
@@ -162,7 +163,7 @@ def top_coil_note(top: Mapping[float, SweptBearing]) -> str:
         "With the top coil alone, as in equation (1), the values of table 1 lead through regions B, C and D in order "
         f"at {', '.join(f'{1e6 * amplitude:g}' for amplitude in ordered) or 'none of the'} µm: "
         + "; ".join(f"{name}: {bearing.summary}" for name, bearing in orders.items())
-        + ". Region C there depends on what the paper does not state: "
+        + ". Region C there depends on what the paper does not state of Fig. 2: "
         + "; ".join(others)
         + "."
     )
@@ -259,16 +260,19 @@ def frequency_claim(bearings: Mapping[str, SweptBearing], poles: Mapping[str, Po
     near: dict[str, list[bool]] = {}
     for figure, bearing in bearings.items():
         states = bearing.states_in(Region.C)
-        if states:
-            pole = poles[figure]
-            frequency = float(np.median([state.axis("y").oscillation_frequency for state in states]))
-            near[figure] = [abs(frequency / other - 1.0) < NEAR for other in (pole.damped, pole.natural)]
-            findings.append(
-                f"{NAMES[figure]}: the slow oscillation has {frequency:.0f} Hz (median), the dominant pole of the "
-                f"model's loop {pole.damped:.1f} Hz damped, {pole.natural:.1f} Hz undamped"
-            )
-    stated = [one for figure in (PAPER, TOP) for one in near.get(figure, [])]
-    verdict = judged(stated, near.get(SLOW, []))
+        if not states:
+            near[figure] = [False]
+            findings.append(f"{NAMES[figure]}: no slow oscillation")
+            continue
+        pole = poles[figure]
+        frequency = float(np.median([state.axis("y").oscillation_frequency for state in states]))
+        near[figure] = [abs(frequency / other - 1.0) < NEAR for other in (pole.damped, pole.natural)]
+        findings.append(
+            f"{NAMES[figure]}: the slow oscillation has {frequency:.0f} Hz (median), the dominant pole of the "
+            f"model's loop {pole.damped:.1f} Hz damped, {pole.natural:.1f} Hz undamped"
+        )
+    stated = near[PAPER] + near[TOP]
+    verdict = judged(stated, near[SLOW])
     if verdict == "agrees":
         reason = ""
     elif verdict == "does not agree":

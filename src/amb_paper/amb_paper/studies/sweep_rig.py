@@ -21,7 +21,7 @@ from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.sweep_comparison import sweep_comparison_chart
 from amb_core.report.pages import Answer
 from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, with_another_value
-from amb_paper.sweeps import SWEEP, SweptBearing, sweep_bearing
+from amb_paper.sweeps import SweptBearing, sweep_bearing, sweep_settings
 
 AMPLITUDE = 100e-6  # m
 RIGID = RigidRotorParameters()
@@ -114,7 +114,7 @@ def _charts(tried: dict[str, SweptBearing], flexible: SweptBearing) -> dict[str,
 def _settings(bending: Sequence[float]) -> dict[str, Setting]:
     return {
         "amplitude": Setting(f"{UM * AMPLITUDE:g} µm, bearing A", "stated: section 2.3"),
-        **SWEEP,
+        **sweep_settings("stated: section 2.3"),
         "mass of the rotor": Setting(f"{RIGID.mass:g} kg", "stated: table 1"),
         "rotor": Setting(
             f"rigid, or a uniform shaft of {LENGTH:g} m that bends at "

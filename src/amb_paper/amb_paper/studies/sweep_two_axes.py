@@ -7,16 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from amb_core.report.figures.sweep import sweep_chart
-from amb_paper.study import Claim, DrawnFigure, Setting, Study, StudyResult, judged
+from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, StudyResult, judged
 from amb_paper.sweeps import (
     SLOW_AMPLIFIER,
     SLOW_NOTE,
     SLOW_VALUE,
-    SWEEP,
     SweptBearing,
     in_order,
     order_reason,
     sweep_bearing,
+    sweep_settings,
 )
 
 AMPLITUDE = 15e-6  # m, as in Fig. 2; the paper does not state its value
@@ -27,6 +27,7 @@ class TwoAxisSweep(Study):
 
     name = "fig3"
     heading = "Fig. 3: the two-axis bearing under a sweep"
+    against = LINEAR_IRON
 
     def run(self) -> StudyResult:
         """Simulate, classify, draw, evaluate."""
@@ -35,7 +36,7 @@ class TwoAxisSweep(Study):
         settings = {"fig3": {}, "fig3-slow-amplifier": SLOW_AMPLIFIER}
         on_y = {figure: sweep_bearing(AMPLITUDE, values) for figure, values in settings.items()}
         on_x = {figure: sweep_bearing(AMPLITUDE, values, axis="x") for figure, values in settings.items()}
-        return StudyResult(
+        return self.result(
             [figure_of(figure, bearing, names[figure]) for figure, bearing in on_y.items()],
             [
                 regions_claim(on_y["fig3"], on_y["fig3-slow-amplifier"]),
@@ -46,7 +47,7 @@ class TwoAxisSweep(Study):
             ],
             {
                 "amplitude": Setting(f"{1e6 * AMPLITUDE:g} µm"),
-                **SWEEP,
+                **sweep_settings(),
                 "second bearing": Setting(SLOW_VALUE, "against table 1"),
             },
             [

@@ -12,7 +12,7 @@ from amb_core.ground.parameters import Parameters, choice, declarations, quantit
 
 
 class MapSettings(Parameters):
-    """Settings of a region map; the defaults are the paper's sweep on y."""
+    """Settings of a region map; the sweep on y is by default that which the paper states for its Fig. 5."""
 
     amplitude_low: float = quantity(5e-6, "m", "smallest amplitude", 1e-9, 1e-3)
     amplitude_high: float = quantity(100e-6, "m", "largest amplitude", 1e-9, 1e-3)

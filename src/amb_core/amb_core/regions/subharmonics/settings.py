@@ -123,9 +123,9 @@ class SubharmonicSettings(Parameters):
 
 
 class SurfaceSettings(Parameters):
-    """Inducing tones of the paper's Fig. 7: all pairs of amplitudes and frequencies at equal distances.
+    """Inducing tones as in the paper's Fig. 7, which gives no ranges: all pairs of amplitudes and frequencies.
 
-    Frequencies are rounded to whole periods in a block.
+    Both are at equal distances. Frequencies are rounded to whole periods in a block.
     """
 
     amplitude_low: float = quantity(5e-6, "m", "smallest amplitude of the inducing tone", 0.0, HIGHEST_AMPLITUDE)
