@@ -46,8 +46,51 @@ def map_with(*regions: Region, product: float = 10e-3, power: float = -1.0, reso
         ((Region.D,), "does not agree"),
     ],
 )
-def test_regions_agree_where_most_sweeps_show_all_of_them(regions: tuple[Region, ...], verdict: str) -> None:
-    assert judge_regions(map_with(*regions)).verdict == verdict
+def test_regions_agree_where_all_sweeps_show_all_of_them(regions: tuple[Region, ...], verdict: str) -> None:
+    claim = judge_regions(map_with(*regions, product=1e-3))
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
+
+
+def reordered(region_map: RegionMap, *order: Region, sweeps: int = len(AMPLITUDES)) -> RegionMap:
+    """The map with the regions of some sweeps in another order, from the lowest frequency upwards."""
+    changed = [
+        replace(sweep, boundaries=dict(zip(order, sweep.boundaries.values(), strict=True)))
+        for sweep in region_map.sweeps[:sweeps]
+    ]
+    return replace(region_map, sweeps=(*changed, *region_map.sweeps[sweeps:]))
+
+
+@pytest.mark.parametrize("order", [(Region.D, Region.C, Region.B), (Region.C, Region.B, Region.D)])
+def test_a_map_whose_regions_begin_in_another_order_does_not_agree(order: tuple[Region, ...]) -> None:
+    claim = judge_regions(reordered(map_with(Region.B, Region.C, Region.D, product=1e-3), *order))
+    assert claim.verdict == "does not agree"
+    assert "5 show them in another order" in claim.reason
+
+
+def test_one_sweep_in_another_order_agrees_in_part() -> None:
+    everything = map_with(Region.B, Region.C, Region.D, product=1e-3)
+    claim = judge_regions(reordered(everything, Region.B, Region.D, Region.C, sweeps=1))
+    assert claim.verdict == "agrees in part"
+    assert "4 lead through B and C to D in order" in claim.finding
+
+
+@pytest.mark.parametrize("lacking", [(Region.C, Region.D), (Region.C,)])
+def test_sweeps_that_lack_a_region_agree_in_part_and_are_counted(lacking: tuple[Region, ...]) -> None:
+    everything = map_with(Region.B, Region.C, Region.D, product=1e-3)
+    fewer = [
+        replace(one, boundaries={region: place for region, place in one.boundaries.items() if region not in lacking})
+        for one in everything.sweeps[:2]
+    ]
+    claim = judge_regions(replace(everything, sweeps=(*fewer, *everything.sweeps[2:])))
+    assert claim.verdict == "agrees in part"
+    assert claim.reason.startswith("Of 5 sweeps, 2 show no C")
+
+
+def test_a_region_that_begins_with_the_sweep_is_not_in_order() -> None:
+    start = MapSettings().frequency_start
+    at_once = map_with(Region.B, Region.C, Region.D, product=start * AMPLITUDES[0], power=0.0)
+    assert judge_regions(at_once).verdict == "does not agree"
 
 
 @pytest.mark.parametrize(("power", "verdict"), [(-1.0, "agrees"), (1.0, "does not agree")])

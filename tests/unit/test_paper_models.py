@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from amb_core.designs.excitation import Trial
 from amb_core.excitation import Square
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.arx import arx as identify_arx
@@ -17,7 +19,7 @@ from amb_core.regions import Classification, Onset, Region
 from amb_paper import graph_experiment
 from amb_paper.graph_experiment import GraphExperiment, LoopRun, equality_claim
 from amb_paper.model_trials import ModelTask, ModelTrial
-from amb_paper.studies import arx, concurrent_sweep, multisine
+from amb_paper.studies import arx, concurrent_sweep, multisine, square_waves
 from amb_paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
 
 
@@ -62,6 +64,7 @@ def regions(*begun: Region) -> Classification:
     [
         (0.02, 1.0, (Region.B, Region.C), ["agrees", "agrees", "agrees"]),
         (0.02, 1.0, (Region.B, Region.D), ["agrees", "agrees", "agrees in part"]),
+        (0.02, 1.0, (Region.C,), ["agrees", "agrees", "agrees in part"]),
         (0.2, 0.2, (), ["does not agree", "does not agree", "does not agree"]),
     ],
 )
@@ -123,6 +126,47 @@ def test_no_stable_model_agrees_in_part_only_where_a_whole_data_set_has_none() -
 @pytest.mark.parametrize(("fit", "verdict"), [(50.0, "agrees"), (97.0, "agrees in part")])
 def test_the_control_must_be_better_than_data_beyond_region_a(fit: float, verdict: str) -> None:
     assert multisine.control_claim(trials(True, fit), regions_of_data(Region.B)).verdict == verdict
+
+
+def test_without_data_beyond_region_a_nothing_shows_that_the_region_decides() -> None:
+    claim = multisine.control_claim(trials(True, 95.0), regions_of_data(Region.A))
+    assert claim.verdict == "agrees in part"
+
+
+@pytest.mark.parametrize(
+    ("begun", "verdict"),
+    [
+        ((Region.B, Region.C), "agrees"),
+        ((Region.B, Region.D), "agrees in part"),
+        ((Region.D,), "agrees in part"),
+        ((), "does not agree"),
+    ],
+)
+def test_a_multisine_must_lead_through_both_b_and_c(begun: tuple[Region, ...], verdict: str) -> None:
+    def trial(*begun: Region) -> Trial:
+        onsets = {region: Onset(0, 1.0, 100.0, False) for region in begun}
+        region = max(begun, default=Region.A)
+        return Trial(region, region, onsets, np.zeros(2), record(np.zeros((10, 2))))
+
+    as_rms = replace(multisine.PAPERS, name="as rms")
+    runs = {data.name: trial(*begun) for data in (*multisine.DATA, as_rms)}
+    claim = multisine.region_claim(runs, as_rms)
+    assert claim.verdict == verdict
+    assert bool(claim.reason) == (verdict != "agrees")
+
+
+@pytest.mark.parametrize(("hangs", "verdict"), [(60e-6, "agrees"), (1e-15, "does not agree")])
+def test_an_offset_as_small_as_rounding_is_none(hangs: float, verdict: str) -> None:
+    fits = np.array([99.0, 50.0]), np.array([99.0, 99.0])
+    still = record(np.zeros((10, 2)))
+    means = square_waves.Means(still, still, *fits, np.array([0.0, -hangs]), np.zeros(2))
+    identified = SimpleNamespace(
+        model=SimpleNamespace(unstable_poles=lambda: [1.02]), stable=True, closed_loop_poles=[0.9]
+    )
+    told = {claim.id: claim for claim in square_waves.claims(identified, means, np.array([99.0, 99.0]))}
+    for name in ("square-waves-offset", "square-waves-means"):
+        assert told[name].verdict == verdict
+        assert bool(told[name].reason) == (verdict != "agrees")
 
 
 def test_every_data_set_in_region_a_must_give_an_accurate_model() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,15 +56,29 @@ def surface(slow: np.ndarray, state: str = "steady") -> SubharmonicSurface:
     ("product", "state", "verdict"),
     [
         (1.0, "steady", "agrees"),
-        (0.01, "steady", "agrees in part"),
+        (0.1, "steady", "agrees in part"),
         (1.0, "delevitated", "agrees in part"),
         (0.0, "steady", "does not agree"),
+        (1e-15, "steady", "does not agree"),  # rounding
+        (0.04, "steady", "does not agree"),  # less than lines differ from block to block
     ],
 )
 def test_the_product_must_be_significant_in_a_steady_state(product: float, state: State, verdict: str) -> None:
     claim = judge_product(spectrum(product, state=state))
     assert claim.verdict == verdict
     assert bool(claim.reason) == (verdict != "agrees")
+
+
+def test_a_run_without_lines_has_no_product() -> None:
+    claim = judge_product(replace(spectrum(state="delevitated"), lines=()))
+    assert claim.verdict == "does not agree"
+
+
+@pytest.mark.parametrize(("alone", "with_third"), [(0.0, 0.0), (1e-15, 1e-13), (0.01, 0.04)])
+def test_the_third_tone_does_not_induce_what_is_not_there_with_it(alone: float, with_third: float) -> None:
+    claim = judge_cause(spectrum(alone), spectrum(with_third))
+    assert claim.verdict == "does not agree"
+    assert "is not 10 times that" in claim.reason
 
 
 @pytest.mark.parametrize(("alone", "verdict"), [(0.01, "agrees"), (0.5, "agrees in part"), (1.0, "does not agree")])
@@ -83,6 +99,11 @@ def test_the_inducing_tone_decides_by_amplitude_and_by_frequency() -> None:
     assert judge_influence(surface(np.outer(growing, growing))).verdict == "agrees"
     assert judge_influence(surface(np.outer(growing, np.ones(3)))).verdict == "agrees in part"
     assert judge_influence(surface(np.ones((3, 3)))).verdict == "does not agree"
+
+
+def test_slow_components_as_small_as_rounding_show_no_influence() -> None:
+    growing = np.array([1e-15, 1e-9, 1e-3])
+    assert judge_influence(surface(np.outer(growing, growing))).verdict == "does not agree"
 
 
 def test_no_steady_state_at_all_shows_no_influence() -> None:

@@ -15,6 +15,7 @@ from amb_core.regions import AxisState, Classification, Onset, Region, RegionSta
 from amb_paper.studies.causes import ALL, CASES, CENTRED, FORCE_LAW, cause_claim, effects_note, rotor_speed
 from amb_paper.studies.causes import speed_claim as motion_claim
 from amb_paper.studies.sweep_one_axis import (
+    NAMES,
     PAPER,
     SLOW,
     TOP,
@@ -124,10 +125,19 @@ def test_regions_out_of_order_do_not_pass(swept, begins) -> None:
     [(55.0, "agrees"), (45.0, "agrees in part"), (20.0, "does not agree"), (110.0, "does not agree")],
 )
 def test_the_slow_oscillation_is_held_against_the_dominant_pole(swept, slow, verdict) -> None:
-    compared = bearings(swept({}), swept(BEGINS, slow), swept({}))
+    compared = bearings(swept(BEGINS, slow), swept(BEGINS, slow), swept({}))
     claim = frequency_claim(compared, dict.fromkeys(compared, POLE))
     assert claim.verdict == verdict
     assert bool(claim.reason) == (verdict != "agrees")
+
+
+def test_one_of_two_bearings_without_a_slow_oscillation_agrees_in_part(swept) -> None:
+    without_c = swept({Region.B: 3_000, Region.D: STEPS - 1})
+    compared = bearings(without_c, swept(BEGINS), swept(BEGINS))
+    claim = frequency_claim(compared, dict.fromkeys(compared, POLE))
+    assert claim.verdict == order_claim(compared).verdict == "agrees in part"
+    assert f"{NAMES[PAPER]}: no slow oscillation" in claim.finding
+    assert "does not oscillate slowly" in claim.reason
 
 
 def test_a_slow_oscillation_with_the_slow_amplifier_alone_agrees_in_part(swept) -> None:

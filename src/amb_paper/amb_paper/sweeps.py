@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
@@ -84,7 +85,6 @@ class SweptBearing:
         return [state for state in self.classification.states if state.region is region]
 
 
-def paper_sweep(amplitude: float, sample_rate: float, axis: Literal["x", "y"] = "y") -> ExcitationSignal:
 def sweep_settings(source: str = "assumed, as stated for Fig. 5") -> dict[str, Setting]:
     """Settings of the sweep; by default of another figure than Fig. 5, of which alone the paper states them."""
     return {
@@ -94,6 +94,7 @@ def sweep_settings(source: str = "assumed, as stated for Fig. 5") -> dict[str, S
     }
 
 
+def paper_sweep(amplitude: float, sample_rate: float, axis: Literal["x", "y"] = "y") -> ExcitationSignal:
     """The sweep with an amplitude (m)."""
     sweep = Sweep(amplitude=amplitude, frequency_start=10.0, frequency_end=5_000.0, duration=20.0, axes=axis)
     return generate(sweep, sample_rate)
@@ -125,12 +126,23 @@ def sweep_bearing(
 
 def in_order(bearing: SweptBearing) -> bool:
     """Whether B begins some time after the start of the sweep, then C, and D, if it occurs, last."""
-    onsets = bearing.onsets
-    if Region.B not in onsets or Region.C not in onsets:
-        return False
-    steps = [onsets[region].step for region in (Region.B, Region.C, Region.D) if region in onsets]
     rest = int(np.argmax(np.isfinite(bearing.frequency)))
-    return rest < steps[0] and steps == sorted(set(steps))
+    return {Region.B, Region.C} <= bearing.onsets.keys() and one_after_another(
+        {region: onset.step for region, onset in bearing.onsets.items()}, rest
+    )
+
+
+def one_after_another(begins: Mapping[Region, float], start: float) -> bool:
+    """Whether the regions that occur begin in the order B, C, D, the first of them some time after the start.
+
+    Parameters
+    ----------
+    begins : mapping of Region to float
+        Step, or frequency of a rising sweep (Hz), at which each region begins.
+    start : float
+        That of the start of the sweep.
+    """
+    return all(before < after for before, after in pairwise([start, *(begins[region] for region in sorted(begins))]))
 
 
 def order_reason(as_stated: Sequence[SweptBearing], slow: SweptBearing) -> str:

@@ -24,6 +24,7 @@ from amb_paper.study import LINEAR_IRON, Claim, DrawnFigure, Setting, Study, Stu
 REPLICATES = 90.0  # percent; fit of both axes above which the model counts as replicating the response
 ORBIT, RESPONSE = "Orbit of plant and model", "Response of plant and model to square waves"
 HIDDEN, SPANS = 0.5, 500  # um and spans of time, coarse enough for two panels side by side
+VISIBLE_OFFSET = 0.1e-6  # m; a smaller one is none
 SMALL_OFFSET = 0.1  # share of the original offset that may remain after adding the means
 
 
@@ -72,8 +73,8 @@ class SquareWaves(Study):
 
     name = "fig13"
     heading = "Fig. 13 and 14: square waves, and the model identified from them"
-    parallel = False
     against = LINEAR_IRON
+    parallel = False
 
     def run(self) -> StudyResult:
         """Run in the usual workplace."""
@@ -113,8 +114,8 @@ class SquareWaves(Study):
                 "model corrects this.",
                 identification.summary + ".",
             ],
-        )
             ours=[equality_claim("square-waves", "Fig. 13, 14", without, through)],
+        )
 
     def files_are_whole(self, folder: Path) -> bool:
         """Whether the bag exists."""
@@ -142,8 +143,9 @@ def _dynamics_claim(dynamics: NDArray[np.float64]) -> Claim:
 
 def _offset_claims(means: Means) -> list[Claim]:
     before, after = np.abs(means.offset_without), np.abs(means.offset_added)
-    missed = before[1] > before[0] and means.fit_without[1] < means.fit_added[1]
-    mended = bool(after[1] <= SMALL_OFFSET * before[1])
+    visible = before[1] > VISIBLE_OFFSET
+    missed = visible and before[1] > before[0] and means.fit_without[1] < means.fit_added[1]
+    mended = bool(visible and after[1] <= SMALL_OFFSET * before[1])
     return [
         Claim(
             id="square-waves-offset",
@@ -153,7 +155,11 @@ def _offset_claims(means: Means) -> list[Claim]:
             finding=f"offset of the plant from the model: x {_um(means.offset_without[0])}, "
             f"y {_um(means.offset_without[1])}; fit x {means.fit_without[0]:.2f} %, y {means.fit_without[1]:.2f} %",
             verdict=_answer(bool(missed)),
-            reason="" if missed else "The model has the offset even without the means.",
+            reason=""
+            if missed
+            else "The model has the offset even without the means."
+            if visible
+            else "The plant has no offset from it.",
             figure="fig13",
         ),
         Claim(
@@ -162,8 +168,12 @@ def _offset_claims(means: Means) -> list[Claim]:
             statement="Adding the mean values of the response to the model corrects this error.",
             finding=f"offset left: x {_um(means.offset_added[0])}, y {_um(means.offset_added[1])}; "
             f"fit x {means.fit_added[0]:.2f} %, y {means.fit_added[1]:.2f} %",
-            verdict=_answer(mended, bool(after[1] < before[1])),
-            reason="" if mended else f"More than {100 * SMALL_OFFSET:g} % of the offset is left.",
+            verdict=_answer(mended, bool(visible and after[1] < before[1])),
+            reason=""
+            if mended
+            else f"More than {100 * SMALL_OFFSET:g} % of the offset is left."
+            if visible
+            else "There is no offset to correct.",
             figure="fig13",
         ),
     ]

@@ -105,8 +105,9 @@ def _settings(settings: SubharmonicSettings) -> dict[str, Setting]:
 def judge_product(three: SubharmonicSpectrum) -> Claim:
     """Whether f2 - f1 is present."""
     product, tones = _size(three, -1, 1), (_size(three, 1, 0), _size(three, 0, 1))
-    share = product / min(tones)
-    steady = three.state == "steady"
+    floor = _floor(three)
+    steady, present = three.state == "steady", product > floor
+    significant = present and product >= SIGNIFICANT * min(tones)
     return Claim(
         id="product-at-100-hz",
         paper_figure="Fig. 6",
@@ -114,11 +115,13 @@ def judge_product(three: SubharmonicSpectrum) -> Claim:
         "linear bearing would not make.",
         finding=f"f2 - f1 has {product:.2f} µm, compared with "
         f"{tones[0]:.2f} and {tones[1]:.2f} µm at f1 and f2; the response is {three.state}.",
-        verdict="agrees" if steady and share >= SIGNIFICANT else "agrees in part" if share > 0.0 else "does not agree",
+        verdict="agrees" if steady and significant else "agrees in part" if present else "does not agree",
         reason="There is no steady state."
         if not steady
         else ""
-        if share >= SIGNIFICANT
+        if significant
+        else f"It does not exceed {floor:g} µm, by which lines may differ from block to block."
+        if not present
         else f"It is less than {100 * SIGNIFICANT:g} % of the response to the smaller tone.",
         figure="fig6",
     )
@@ -127,17 +130,20 @@ def judge_product(three: SubharmonicSpectrum) -> Claim:
 def judge_cause(two: SubharmonicSpectrum, three: SubharmonicSpectrum) -> Claim:
     """Whether the third tone causes it."""
     alone, with_third = _size(two, -1, 1), _size(three, -1, 1)
-    ratio = with_third / alone if alone > 0.0 else math.inf
+    floor = _floor(three)
+    ratio = with_third / max(alone, floor)
     verdict: Answer = "agrees" if ratio > STRONG else "agrees in part" if ratio > 1.2 else "does not agree"
     return Claim(
         id="third-tone-induces",
         paper_figure="Fig. 6",
         statement="It is the third tone that induces the nonlinear behaviour.",
         finding=f"f2 - f1 has {alone:.2f} µm without the third tone and {with_third:.2f} µm with it, {ratio:.1f} times "
-        "as much.",
+        + ("as much." if alone > floor else f"the {floor:g} µm by which lines may differ from block to block."),
         verdict=verdict,
         reason=""
         if verdict == "agrees"
+        else f"With the third tone it is not {STRONG:g} times that either."
+        if alone <= floor
         else "Two tones are enough: the rotor hangs low under its weight, where force over current and gap is not "
         "symmetric. The third tone changes only the amplitude.",
         figure="fig6",
@@ -147,8 +153,7 @@ def judge_cause(two: SubharmonicSpectrum, three: SubharmonicSpectrum) -> Claim:
 def judge_slow(three: SubharmonicSpectrum, shifted: SubharmonicSpectrum) -> Claim:
     """Whether there is a small slow component."""
     sizes = [UM * spectrum.slow.amplitude if spectrum.slow else math.nan for spectrum in (three, shifted)]
-    floor = UM * three.settings.line_tolerance
-    present = [size > floor for size in sizes]
+    present = [size > _floor(three) for size in sizes]
     return Claim(
         id="slow-component",
         paper_figure="Fig. 6",
@@ -169,6 +174,8 @@ def judge_slow(three: SubharmonicSpectrum, shifted: SubharmonicSpectrum) -> Clai
 def judge_influence(surface: SubharmonicSurface) -> Claim:
     """Whether both amplitude and frequency of the inducing tone influence the slow component."""
     slow = np.where(surface.state == "steady", UM * surface.slow_amplitude, np.nan)
+    floor = UM * surface.settings.line_tolerance
+    slow = np.maximum(slow, floor)  # a ratio to rounding would be no influence
     over_frequency, over_amplitude = _spread(slow, axis=1), _spread(slow, axis=0)
     strong = [over_frequency > STRONG, over_amplitude > STRONG]
     delevitated = int(np.sum(surface.state == "delevitated"))
@@ -184,9 +191,9 @@ def judge_influence(surface: SubharmonicSurface) -> Claim:
         id="inducing-tone-decides",
         paper_figure="Fig. 7",
         statement="Amplitude and frequency of the inducing tone both influence the slow component strongly.",
-        finding=f"Largest over smallest slow component is {over_frequency:.0f} over the frequencies, as the median of "
-        f"the amplitudes, and {over_amplitude:.0f} over the amplitudes, as the median of the frequencies. "
-        f"{delevitated} of {slow.size} tones delevitate the rotor.{largest}",
+        finding=f"Largest over smallest slow component, or {floor:g} µm, is {over_frequency:.0f} over the frequencies, "
+        f"as the median of the amplitudes, and {over_amplitude:.0f} over the amplitudes, as the median of the "
+        f"frequencies. {delevitated} of {slow.size} tones delevitate the rotor.{largest}",
         verdict="agrees" if all(strong) else "agrees in part" if any(strong) else "does not agree",
         reason="The surface has ridges where a harmonic of the tone is close to a multiple of the sample rate: most of "
         "it is sampling, not the bearing.",
@@ -198,6 +205,11 @@ def _size(spectrum: SubharmonicSpectrum, a: int, b: int) -> float:
     """Peak amplitude of a product (um); 0 if it was not evaluated."""
     line = spectrum.line(a, b)
     return 0.0 if line is None else UM * abs(line.amplitude)
+
+
+def _floor(spectrum: SubharmonicSpectrum) -> float:
+    """Amplitude up to which a line is not distinguished from none (um)."""
+    return UM * spectrum.settings.line_tolerance
 
 
 def _slow(spectrum: SubharmonicSpectrum) -> str:

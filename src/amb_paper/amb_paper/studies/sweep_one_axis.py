@@ -278,14 +278,17 @@ def frequency_claim(bearings: Mapping[str, SweptBearing], poles: Mapping[str, Po
     elif verdict == "does not agree":
         reason = "No slow oscillation is within a quarter of either frequency, or there is none."
     elif any(stated):
-        reason = "With the values of table 1 one is farther than a quarter from the damped or the undamped frequency."
+        reason = (
+            "With the values of table 1 a bearing does not oscillate slowly, or farther than a quarter from the damped "
+            "or the undamped frequency."
+        )
     else:
         reason = f"Only a bearing with {SLOW_VALUE}, against table 1, oscillates within a quarter of these frequencies."
     return Claim(
         id="slow-oscillation-frequency",
         paper_figure="Fig. 2",
         statement="The slow oscillation has about the frequency of the dominant pole of the linear closed loop.",
-        finding="; ".join(findings) or "no slow oscillation",
+        finding="; ".join(findings),
         verdict=verdict,
         reason=reason,
         figure=TOP,
