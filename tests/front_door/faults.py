@@ -70,7 +70,7 @@ FAULTS = (
         "has 2 rows; declared: 3",
     ),
     Fault(
-        "a program writes no results", "tests/validation/run.py", "    file.write_text(", "    str(", VALIDATION,
+        "a program writes no results", "tests/validation/run.py", "    results.keep_all(", "    str(", VALIDATION,
         "validation.json: [Errno 2]",
     ),
     Fault(
@@ -139,9 +139,9 @@ def copied(folder: Path) -> Path:
     names = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     compiled = [str(path.relative_to(ROOT)) for pattern in ("*.nbi", "*.nbc") for path in ROOT.rglob(pattern)]
     for name in [*names.split("\0"), *compiled]:
-        if (ROOT / name).is_file():
+        if (ROOT / name).is_file() or (ROOT / name).is_symlink():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, folder / name)
+            shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)  # one leads to the folder target
     return folder
 
 
