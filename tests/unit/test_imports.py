@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from amb_bringup.cli import COMMANDS
+
 
 @pytest.mark.parametrize(
     ("module", "unwanted"),
@@ -51,3 +53,16 @@ def test_help_imports_neither_nodes_nor_what_computes(command: str) -> None:
     heavy, count = process.stdout.splitlines()
     assert heavy == "[]"
     assert int(count) < 700  # 320 of them are those of Python, typer and rich
+
+
+def test_help_of_no_command_imports_what_draws_or_what_joins_a_graph() -> None:
+    groups = ["plant modes", "plant figures", "tune chart", "excitation design", "bag export"]
+    every = [name for commands in COMMANDS.values() for name in commands] + groups
+    code = (
+        "import sys; from typer.testing import CliRunner; from amb_bringup.cli import app\n"
+        "for command in sys.argv[1:]:\n"
+        "    assert CliRunner().invoke(app, [*command.split(), '-h']).exit_code == 0, command\n"
+        "    print(command, [name for name in ('rclpy', 'amb_msgs', 'matplotlib', 'plotly') if name in sys.modules])"
+    )
+    process = subprocess.run([sys.executable, "-c", code, *every], capture_output=True, text=True, check=True)
+    assert process.stdout.splitlines() == [f"{command} []" for command in every]

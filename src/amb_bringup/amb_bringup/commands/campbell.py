@@ -19,7 +19,6 @@ from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import INTERRUPTED
 from amb_core.ground.errors import ParameterError
 from amb_core.ground.parameters import validate
-from amb_core.report.figures.campbell import campbell_chart
 from amb_core.rig.running_speeds import IdentifiedCampbell, SpeedSettings, identify_over_speeds
 
 RPM = 60.0
@@ -96,6 +95,8 @@ def _speeds(text: str) -> list[float]:
 
 def _write(out: Path, diagram: IdentifiedCampbell) -> None:
     """Figure, table, summary, and a model for each speed."""
+    from amb_core.report.figures.campbell import campbell_chart
+
     campbell_chart(diagram.computed, diagram.identified, "Campbell diagram, identified over computed").save(
         out, "campbell"
     )

@@ -18,10 +18,6 @@ from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.exit_codes import NOT_CERTIFIED, NOT_THE_SAME
 from amb_core.ground.errors import RobustnessError
 from amb_core.ground.parameters import part_of
-from amb_core.report.pages.again import certify_again
-from amb_core.report.pages.certificate import write_certificate
-from amb_core.report.pages.certification import Request, certify_request, require_request
-from amb_core.report.pages.pdf import find_browser, write_pdf
 from amb_core.robustness import RobustnessSettings, SweepSettings
 from amb_core.robustness.trace import CertificateHeader
 
@@ -80,6 +76,10 @@ def certify(
     reservations, 4 if it is not, 1 if nothing could be computed. With --again a certificate is computed again, and
     nothing written: exit code 0 for the same numbers, 5 if a file, a number or a verdict differs.
     """
+    from amb_core.report.pages.certificate import write_certificate
+    from amb_core.report.pages.certification import Request, certify_request, require_request
+    from amb_core.report.pages.pdf import find_browser, write_pdf
+
     console = Terminal(stderr=True)
     files = {
         name: "" if path is None else str(path)
@@ -119,6 +119,8 @@ def certify(
 
 def _again(console: Console, path: Path, files: Mapping[str, str]) -> None:
     """Compute a certificate again and report what differs."""
+    from amb_core.report.pages.again import certify_again
+
     with Stages(console) as stages:
         repetition = certify_again(path, files, stages.update)
     for text in repetition.differences:

@@ -6,19 +6,17 @@ import hashlib
 import shutil
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from amb_bringup.client import AmbClient
 from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.experiments.commissioning import Session
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
 from amb_bringup.graph.node_parameters import check_parameter_file
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
@@ -27,14 +25,13 @@ from amb_core.ground.version import __version__
 from amb_core.loop.control import ControllerParameters
 from amb_core.recording import Recording
 from amb_core.regions.region_map import RegionMap
-from amb_core.report.figures.saving import write_image
-from amb_core.report.pages import write_report
-from amb_core.report.pages.commissioning import protocol_report
-from amb_core.report.pages.recording import recording_report
 from amb_core.rig.commissioning import CommissioningSettings, Expected, Step, expected_of
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.gains import gains_in
 from amb_sim_node.machine_files import machine_parameters
+
+if TYPE_CHECKING:
+    from amb_bringup.experiments.commissioning import Session
 
 FILES = ("protocol.html", "protocol.json", "report.html", "model.json")
 FAILED = 3  # exit code
@@ -63,6 +60,11 @@ def commission(
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are
     replaced. Exit code 0 if no step failed, 3 if one did. See docs/how-to/commission-a-rig.md.
     """
+    from amb_bringup.client import AmbClient
+    from amb_bringup.experiments.commissioning import Session
+    from amb_core.report.pages import write_report
+    from amb_core.report.pages.recording import recording_report
+
     console = Terminal()
     path = parameter_file(params).absolute()
     check_parameter_file(path)
@@ -151,6 +153,10 @@ def _show(console: Console, step: Step) -> None:
 
 
 def _write(session: Session, out: Path) -> None:
+    from amb_core.report.figures.saving import write_image
+    from amb_core.report.pages import write_report
+    from amb_core.report.pages.commissioning import protocol_report
+
     write_json(out / "protocol.json", session.protocol.to_json())
     write_report(protocol_report(session.protocol, session.figures.values()), out / "protocol.html")
     for name, chart in session.figures.items():

@@ -30,8 +30,6 @@ from amb_core.ground.errors import IdentificationError
 from amb_core.identification import Comparison, StateSpaceModel, Validation
 from amb_core.identification import compare as compare_models
 from amb_core.identification.validation import Verdict
-from amb_core.report.figures import save_validation_figures
-from amb_core.report.figures.entries import entries_from
 
 
 @data_options
@@ -57,6 +55,9 @@ def compare(
 
     Exit code 0 if at least one model is validated, also with reservations, 3 if none is, 1 if none can be compared.
     """
+    from amb_core.report.figures import save_validation_figures
+    from amb_core.report.figures.entries import entries_from
+
     console = Terminal()
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"

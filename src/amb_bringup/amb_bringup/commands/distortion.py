@@ -22,8 +22,6 @@ from amb_core.ground.parameters import part_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions.distortion import Coherence, Distortion, DistortionSettings, simulate_distortion
-from amb_core.report.figures.coherence import coherence_chart
-from amb_core.report.figures.distortion import distortion_chart
 
 
 @data_options
@@ -70,6 +68,8 @@ def _refuse(only_for: str, given: dict[str, bool]) -> None:
 def _simulate(
     console: Console, settings: DistortionSettings, plant: PlantParameters, controller: ControllerParameters, out: Path
 ) -> None:
+    from amb_core.report.figures.distortion import distortion_chart
+
     make_folder(out)
     with Stages(console) as stages:
         distortion = simulate_distortion(plant, controller, settings, stages.update)
@@ -80,6 +80,9 @@ def _simulate(
 
 
 def _measure(console: Console, files: DataOptions, path: Path, chosen: tuple[int | None, int, int], out: Path) -> None:
+    from amb_core.report.figures.coherence import coherence_chart
+    from amb_core.report.figures.distortion import distortion_chart
+
     recording, _ = files.recording(console, path)
     with working(console, f"measuring {path}"):
         evidence = evidence_of_run(recording, *chosen)

@@ -38,7 +38,6 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
-from amb_core.report.figures import overlay_chart
 
 Loop = tuple[ControllerParameters, PlantParameters, RegionParameters | None]
 
@@ -244,6 +243,8 @@ def _write(
     out: Path, summary: dict[str, Any], checked: ExcitationCheck, region_map: RegionMap, console: Console
 ) -> None:
     """Summary and figure."""
+    from amb_core.report.figures import overlay_chart
+
     write_json(out / "summary.json", summary)
     overlay_chart(checked, region_map).save(out, "overlay")
     console.print(f"summary.json, overlay.png, overlay.html: {out}")

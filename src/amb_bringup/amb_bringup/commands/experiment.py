@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from amb_bringup.client.experiment import Experiment, ExperimentRun
 from amb_bringup.commands.inputs import model_order
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import ResultError, make_folder
 from amb_bringup.commands.terminal import Terminal
-from amb_bringup.experiments.experiment_list import read_experiments
-from amb_bringup.experiments.experiment_session import GraphChoice, run_session
 from amb_bringup.graph.node_parameters import check_parameter_file
 from amb_core.designs.excitation import designed_excitation
 from amb_core.excitation import KINDS, excitation_from_request
 from amb_core.ground.errors import ExcitationError
 from amb_core.recording import Recording
-from amb_core.report.pages import write_report
-from amb_core.report.pages.recording import recording_report
 from amb_core.rig.commissioning import order_for
+
+if TYPE_CHECKING:
+    from amb_bringup.client.experiment import Experiment, ExperimentRun
 
 DURATION = {"duration": 4.0}  # s
 
@@ -58,6 +56,8 @@ def experiment(
     units: --amplitude 10um --frequency-end 1kHz. After Ctrl-C, and after an error, the rotor is landed and the bag
     closed.
     """
+    from amb_bringup.experiments.experiment_session import GraphChoice, run_session
+
     experiments = _experiments(kind, design, file, given)
     bag = record or out / "bag"
     if bag.exists():
@@ -82,6 +82,9 @@ def experiment(
 
 
 def _experiments(kind: str | None, design: Path | None, file: Path | None, given: dict[str, Any]) -> list[Experiment]:
+    from amb_bringup.client.experiment import Experiment
+    from amb_bringup.experiments.experiment_list import read_experiments
+
     if [kind, design, file].count(None) != 2:
         raise ExcitationError(
             f"give one kind of excitation ({', '.join(KINDS)}), or that of a design with --design, or several "
@@ -108,6 +111,9 @@ def _table(runs: list[ExperimentRun]) -> Table:
 
 def _report(console: Console, bag: Path, runs: list[ExperimentRun], order: Any, out: Path) -> None:
     """A page for each run of the bag; a rig has one for all experiments of a levitation."""
+    from amb_core.report.pages import write_report
+    from amb_core.report.pages.recording import recording_report
+
     recording = Recording.read(bag)
     numbers = sorted({item.run for item in runs})
     with Stages(console) as stages:

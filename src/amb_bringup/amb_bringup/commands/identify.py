@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import numpy as np
 import typer
@@ -29,8 +29,9 @@ from amb_core.identification.identify import check_arguments
 from amb_core.identification.validation import Verdict
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.report import figures
-from amb_core.report.figures.entries import Entry, entries_from
+
+if TYPE_CHECKING:
+    from amb_core.report.figures.entries import Entry
 
 UNITS = 1e6
 """Micrometres in a metre."""
@@ -78,6 +79,8 @@ def identify(
 
     Several bags give one model of all their experiments, each with its own initial state.
     """
+    from amb_core.report.figures.entries import entries_from
+
     console = Terminal()
     wanted, tried = model_order(order), _orders(orders)
     if tried is not None and wanted != "auto":
@@ -293,6 +296,8 @@ def _number(value: complex, digits: int = 7) -> str:
 
 def _save_figures(folder: Path, result: Identification, entries: list[Entry] | None) -> list[str]:
     """Write the figures for which there are data. Returns their names."""
+    from amb_core.report import figures
+
     names = []
     known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
     for index in known if result.closed_loop_poles is not None else ():

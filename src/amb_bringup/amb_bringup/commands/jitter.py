@@ -8,25 +8,24 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from amb_bringup.client.connection import ClientError, GraphConnection
 from amb_bringup.commands.interrupt import Interrupt
 from amb_bringup.commands.results import make_folder, make_place, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_core.loop.pace import HISTOGRAM, MISSED, PACED, QUANTILES, histogram
-from amb_core.report.figures.lateness import lateness_chart
 from amb_ros import topics
-from amb_ros.diagnostics import INSTANCE, TOPIC
+
+if TYPE_CHECKING:
+    from diagnostic_msgs.msg import DiagnosticArray
 
 PATIENCE = 10.0  # s until the first report of a paced node; they come twice a second
 
@@ -70,6 +69,8 @@ class JitterWatch:
 
     def note(self, array: DiagnosticArray) -> None:
         """Take a message."""
+        from amb_ros.diagnostics import INSTANCE
+
         for status in array.status:
             values = {item.key: item.value for item in status.values}
             if MISSED not in values:
@@ -119,6 +120,9 @@ def jitter(
     are counted from the first report of a node in this watch, missed ones also since the start of the node (`in all`).
     The distribution of the lateness is that since the start of the node.
     """
+    from amb_bringup.client.connection import ClientError
+    from amb_core.report.figures.lateness import lateness_chart
+
     if out is not None:
         make_place(out)
     if figures is not None:
@@ -143,6 +147,11 @@ def jitter(
 
 def _listen(watch: JitterWatch, console: Console, seconds: float, show: bool) -> None:
     """Watch so long from the first report onwards, or until Ctrl-C; no longer than the patience without any report."""
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    from amb_bringup.client.connection import GraphConnection
+    from amb_ros.diagnostics import TOPIC
+
     with Interrupt() as interrupt, GraphConnection(topics.NAMESPACE, PATIENCE, None, ()) as connection:
         connection.node.create_subscription(DiagnosticArray, TOPIC, watch.note, 100)
         with Live(console=console, auto_refresh=False, transient=True) as live:

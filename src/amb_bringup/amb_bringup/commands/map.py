@@ -38,7 +38,6 @@ from amb_core.regions.region_map import (
     confirm_map,
     sweep_rate_text,
 )
-from amb_core.report.figures import map_chart, map_grid_chart
 
 
 @declared_options({"Sweeps": [MapSettings], "Confirmation, with --confirm": [ConfirmationSettings]})
@@ -157,6 +156,8 @@ def _write_map(
     out: Path, region_map: RegionMap, plant: PlantParameters, controller: ControllerParameters, console: Console
 ) -> None:
     """Write map, summary and figures, and print the tables."""
+    from amb_core.report.figures import map_chart
+
     region_map.save(out / "map.json")
     lines = analytic_lines(plant, controller, region_map.settings.axes)
     comparisons = compare(region_map, lines)
@@ -173,6 +174,8 @@ def _write_map(
 
 def _write_grid(out: Path, cells: list[GridCell], console: Console) -> None:
     """A folder for each map of a grid, and summary and figure of all."""
+    from amb_core.report.figures import map_grid_chart
+
     summaries, problems = [], []
     table = Table(*cells[0].values, "sweeps", "B (Hz)", "C (Hz)", "D (Hz)", title="Grid of region maps")
     for cell in cells:

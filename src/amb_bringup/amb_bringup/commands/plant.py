@@ -20,7 +20,6 @@ from amb_core.ground.errors import PlantError
 from amb_core.ground.parameters import SourcedValue, load_parameters, shown_value
 from amb_core.plant import PlantDescription
 from amb_core.plant import describe as describe_plant
-from amb_core.plant import figures as plant_figures
 from amb_core.plant.description import Entry, values_with_sources
 from amb_sim_node.parameters import SimulatorParameters
 
@@ -59,6 +58,8 @@ def figures(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("results/plant"),
 ) -> None:
     """Draw the iron's magnetisation, the static force, and the force over frequency."""
+    from amb_core.plant import figures as plant_figures
+
     path = parameter_file(params)
     parameters = load_parameters(SimulatorParameters, path, "simulator")
     make_folder(out)

@@ -19,7 +19,6 @@ from amb_core.linear.model.modes import Modes, modes_of
 from amb_core.plant import Plant, linearize, uniform_shaft
 from amb_core.plant.campbell import Campbell
 from amb_core.plant.campbell import campbell as compute_campbell
-from amb_core.report.figures.campbell import campbell_chart
 
 RPM = 60.0
 
@@ -69,6 +68,8 @@ def campbell(
     out: Annotated[Path, typer.Option(help="Folder to write to.")] = Path("results/plant"),
 ) -> None:
     """Compute the Campbell diagram: modes of the closed loop over the running speed, and the critical speeds."""
+    from amb_core.report.figures.campbell import campbell_chart
+
     plant_parameters, controller = load_loop(params)
     make_folder(out)
     console = Terminal()

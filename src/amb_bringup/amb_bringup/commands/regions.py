@@ -20,8 +20,6 @@ from amb_core.ground.results import plain
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions import Onset, Region
 from amb_core.regions.stretches import beats, shares, stretches
-from amb_core.report.figures import sweep_chart
-from amb_core.report.figures.sweep import rises
 
 
 @data_options
@@ -166,6 +164,9 @@ def _drawn_axes(wanted: str, known: tuple[str, ...]) -> tuple[str, ...]:
 
 def _write(out: Path, classified: RecordedRegions, summary: dict[str, Any], axes: tuple[str, ...]) -> None:
     """Write figure and summary; over frequency if the input is one rising sweep, else over time."""
+    from amb_core.report.figures import sweep_chart
+    from amb_core.report.figures.sweep import rises
+
     response = (classified.record, classified.classification, classified.frequency)
     over = "frequency" if rises(classified.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {classified.run}"}

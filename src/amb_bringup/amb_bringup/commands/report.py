@@ -15,9 +15,6 @@ from amb_bringup.commands.results import make_folder, names_file
 from amb_bringup.commands.terminal import Terminal
 from amb_core.data.analysis import recorded_controller
 from amb_core.data.controller_choice import NO_CONTROLLER
-from amb_core.report.pages import write_report
-from amb_core.report.pages.pdf import find_browser, write_pdf
-from amb_core.report.pages.recording import recording_report
 
 
 @data_options
@@ -38,6 +35,10 @@ def report(
     ] = False,
 ) -> None:
     """Regions, distortion, motion, identified model, frequency response, validation and robustness of a run."""
+    from amb_core.report.pages import write_report
+    from amb_core.report.pages.pdf import find_browser, write_pdf
+    from amb_core.report.pages.recording import recording_report
+
     console = Terminal()
     browser = find_browser() if pdf else None
     if not names_file(out, (".html",)):

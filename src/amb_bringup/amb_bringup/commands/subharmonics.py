@@ -37,7 +37,6 @@ from amb_core.regions.subharmonics import (
 )
 from amb_core.regions.subharmonics.run import check
 from amb_core.regions.subharmonics.summary import spectrum_summary, surface_summary
-from amb_core.report.figures import spectrum_chart, surface_chart
 
 SHOWN = 12  # lines in a table
 DIFFERENCE = (-1, 1, 0)  # f2 - f1
@@ -170,6 +169,8 @@ def _surfaces(
 
 def _write_spectra(out: Path, results: dict[str, dict[str, SubharmonicSpectrum]]) -> None:
     """Summary, and the figure of the spectra of the loop as given."""
+    from amb_core.report.figures import spectrum_chart
+
     _write_summary(out, results, {})
     given = next(iter(results.values()))
     spectrum_chart(given).save(out, "spectrum")
@@ -179,6 +180,8 @@ def _write_surfaces(
     out: Path, results: dict[str, dict[str, SubharmonicSpectrum]], surfaces: dict[str, SubharmonicSurface]
 ) -> None:
     """Summary with the surfaces, and their figures."""
+    from amb_core.report.figures import surface_chart
+
     _write_summary(out, results, surfaces)
     for name, surface in surfaces.items():
         surface_chart(surface).save(out, name)

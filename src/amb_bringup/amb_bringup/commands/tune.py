@@ -17,7 +17,6 @@ from amb_bringup.graph.parameter_changes import changed_file
 from amb_core.designs.tuning import HIGHEST_PEAK, Tuned, reason, tune
 from amb_core.designs.tuning.stability_chart import POINTS, stability_chart
 from amb_core.ground.errors import PlantError
-from amb_core.report.figures import stability_figure
 
 app = typer.Typer(help="Suggest PD gains, or draw which are stable.", no_args_is_help=True)
 
@@ -39,6 +38,8 @@ def chart(
 
     The loop is linearised with the rotor in the centre; sampling, delay, amplifiers and sensors are in it.
     """
+    from amb_core.report.figures import stability_figure
+
     plant, controller = load_loop(params)
     make_folder(out)
     console = Terminal()

@@ -18,8 +18,6 @@ from amb_core.data.analysis import RecordedLoop
 from amb_core.data.controller_choice import NO_CONTROLLER, needs_controller
 from amb_core.identification import StateSpaceModel
 from amb_core.identification.validation import validate as judge
-from amb_core.report.figures import save_validation_figures
-from amb_core.report.figures.entries import entries_from
 
 RunOption = Annotated[int | None, typer.Option(help="Run of the bag; by default the last one.")]
 FirstStepOption = Annotated[
@@ -57,6 +55,9 @@ def validate(
 
     Exit code 0 if the model is validated, also with reservations, 3 if it is not, 1 if it could not be validated.
     """
+    from amb_core.report.figures import save_validation_figures
+    from amb_core.report.figures.entries import entries_from
+
     console = Terminal(stderr=True)  # only the report goes to the standard output
     if out is not None:
         figures, results = figures or out, results or out / "summary.json"
