@@ -24,6 +24,8 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from docs.generators.links import PAGES
+
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs" / "measured"
 MARK = re.compile(r"(<!-- measured: (\w+) (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -212,9 +214,9 @@ def with_ages(text: str) -> str:
 
 
 def pages() -> list[Path]:
-    """README, guide to the target and pages with measured tables."""
-    all_pages = (ROOT / "README.md", *sorted(ROOT.glob("target/*.md")), *sorted(ROOT.glob("docs/**/*.md")))
-    return [page for page in all_pages if MARK.search(page.read_text())]
+    """README, guide to the target and pages with measured tables; not those that the site makes of these."""
+    all_pages = {ROOT / "README.md", *ROOT.glob("target/*.md"), *ROOT.glob("docs/**/*.md")} - {*PAGES.values()}
+    return [page for page in sorted(all_pages) if MARK.search(page.read_text())]
 
 
 def _git(*arguments: str) -> int:
