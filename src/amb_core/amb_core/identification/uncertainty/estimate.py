@@ -70,10 +70,11 @@ def estimate_uncertainty(model: StateSpaceModel, data: IdentificationData, *, ro
     """
     _check(model, data)
     scaled = ScaledData.of([item.inputs for item in data.experiments], [item.outputs for item in data.experiments])
-    with small_matrices(
+    undetermined = (
         f"the data do not determine how accurate the model of order {model.order} is, as with less noise than rounding "
         "or too high an order"
-    ):
+    )
+    with small_matrices(undetermined), np.errstate(over="ignore", invalid="ignore"):  # `sensitivity` refuses them
         return _estimate(model, scaled, robust)
 
 

@@ -65,6 +65,11 @@ def sensitivity(
         Errors and predictions are weighted as weight @ error.
     batch : int
         Samples in a batch.
+
+    Raises
+    ------
+    LinAlgError
+        If a derivative is so large that it, or its square, is not finite.
     """
     n, p, q = model.order, len(model.c), directions.count
     free = n + p  # initial states and constants of the outputs, first, so that the factor's first rows are theirs
@@ -96,8 +101,10 @@ def sensitivity(
             np.tensordot(weighted[first : first + batch], derivatives[first : first + batch], axes=2)
             for first in range(0, len(derivatives), batch)
         ]
-    absorbed = np.linalg.lstsq(triangle[:free, :free], triangle[:free, free:], rcond=None)[0]
     all_scores = np.array(scores)
+    if not all(np.isfinite(np.sum(part**2)) for part in (triangle, all_scores)):
+        raise np.linalg.LinAlgError("derivatives of its predictions are not finite")
+    absorbed = np.linalg.lstsq(triangle[:free, :free], triangle[:free, free:], rcond=None)[0]
     return Sensitivity(triangle[free:, free:], all_scores[:, free:] - all_scores[:, :free] @ absorbed)
 
 
