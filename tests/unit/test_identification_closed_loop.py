@@ -125,7 +125,7 @@ def test_fit_is_100_for_the_signal_itself_and_0_for_its_mean() -> None:
 @pytest.mark.parametrize(
     ("measured", "modelled", "message"),
     [
-        (np.ones((5, 2)), np.zeros((5, 2)), "output 0 is constant"),
+        (np.ones((5, 2)), np.zeros((5, 2)), "output 1 is constant"),
         (np.zeros((5, 2)), np.zeros((4, 2)), "alike"),
         (np.full((5, 2), np.nan), np.zeros((5, 2)), "finite"),
     ],

@@ -12,9 +12,10 @@ from scipy.signal import lfilter
 
 from amb_core.data.experiments import detrend, merge
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification import IdentificationData, StateSpaceModel, Validation, validate
-from amb_core.identification.validation import predict
+from amb_core.identification import IdentificationData, StateSpaceModel, Validation, identify, validate
+from amb_core.identification.validation import nrmse_fit, predict
 from amb_core.identification.validation.report import WIDTH
+from amb_core.identification.validation.residuals import check_residuals
 from amb_core.loop.control import ControllerParameters
 
 CONTROLLER = ControllerParameters()
@@ -183,7 +184,7 @@ def with_outputs(data: IdentificationData, outputs: np.ndarray) -> Identificatio
         (lambda data: replace(data, output_names=("x", "z")), "the data have the outputs x, z, the model x, y"),
         (lambda data: data.window(0, 220), "220 samples are too few to test residuals over 25 lags"),
         (lambda data: with_outputs(data, np.full((6_000, 2), np.nan)), "experiment 0 holds values that are not finite"),
-        (lambda data: with_outputs(data, np.zeros((6_000, 2))), "output 0 is constant"),
+        (lambda data: with_outputs(data, np.zeros((6_000, 2))), "output 1 is constant"),
     ],
 )
 def test_data_that_do_not_fit_are_refused(
@@ -230,3 +231,19 @@ def test_a_model_with_a_pole_far_outside_is_not_validated_and_its_predictions_st
     validation = validate(far, data)
     assert not validation.validated
     assert np.isfinite(validation.prediction.fit).all()
+
+
+def test_identify_and_validate_give_a_constant_output_the_same_number(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    (item,) = data.experiments
+    still = replace(data, experiments=(replace(item, outputs=item.outputs * [1.0, 0.0]),))
+    for attempt in (
+        lambda: identify(still, 4, "ssarx"),
+        lambda: validate(model, still),
+        lambda: nrmse_fit(still.experiments[0].outputs, still.experiments[0].outputs),
+    ):
+        with pytest.raises(IdentificationError, match="output 2 is constant"):
+            attempt()
+    with pytest.raises(IdentificationError, match="residual 2 is constant"):
+        check_residuals([item.outputs * [1.0, 0.0]], [item.inputs])

@@ -42,7 +42,7 @@ def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> N
     spread = np.linalg.norm(measured - measured.mean(axis=0), axis=0)
     constant = np.flatnonzero(np.ptp(measured, axis=0) == 0.0)
     if constant.size:
-        raise IdentificationError(f"output {constant[0]} is constant, so no fit is defined for it")
+        raise IdentificationError(f"output {constant[0] + 1} is constant, so no fit is defined for it")
     error = np.linalg.norm(measured - modelled, axis=0)
     return np.asarray(100.0 * (1.0 - error / spread))
 

@@ -262,7 +262,7 @@ def _normalised(signals: Signals, kind: str) -> tuple[list[NDArray[np.float64]],
     constant = np.flatnonzero(deviation <= _CONSTANT * largest)
     if constant.size:
         raise IdentificationError(
-            f"{kind} {constant[0]} (counted from 0) is constant in these data, so it has no correlations; "
+            f"{kind} {constant[0] + 1} is constant in these data, so it has no correlations; "
             "use data in which all signals move, of a measured or simulated bearing with noise"
         )
     return [part / deviation for part in centred], deviation
