@@ -85,6 +85,7 @@ def published(model: StateSpaceModel) -> bytes:
         "initial_state",
         "fit",
         "fingerprint",
+        "search",
     ):
         setattr(message, name, np.asarray(getattr(message, name)))
     return bytes(TYPES.serialize_cdr(message, MODEL))

@@ -184,7 +184,7 @@ def named(model: StateSpaceModel) -> StateSpaceModel:
     names = [f"{axis + 1}" for axis in range(count)]
     return replace(
         model, input_names=tuple(f"i_{name}" for name in names), output_names=tuple(f"x_{name}" for name in names),
-        input_units=("A",) * count, output_units=("m",) * count,
+        input_units=("A",) * count, output_units=("m",) * count, method="given",
     )  # fmt: skip
 
 

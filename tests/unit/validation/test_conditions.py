@@ -151,15 +151,6 @@ def test_a_search_that_did_not_converge_and_poles_that_are_not_decided_are_reser
     assert [one.key for one in undecided.failed] == ["poles"]
 
 
-def test_what_nothing_is_known_of_is_not_said_to_hold(validation: Validation) -> None:
-    unknown = {one.key for one in validation.conditions if not one.checked}
-    assert unknown == {"fresh_data", "convergence", "poles"}
-    for key in unknown:
-        one = condition(validation, key)
-        assert one.finding.startswith("not known")
-        assert f"-        {one.name}: not known" in validation.report()
-
-
 def test_another_controller_is_a_reservation(data: IdentificationData, model: StateSpaceModel) -> None:
     other = CONTROLLER.model_copy(update={"proportional_gain": 0.8 * CONTROLLER.proportional_gain})
     validation = validate(model, data, other)

@@ -66,7 +66,7 @@ class Identification(Result):
         Poles in the z plane (-) of model and controller, largest magnitude first; None for data that do not come from
         the bearing's loop.
     search : SearchEnd or None
-        How the search of `pem` ended, and whether it converged; None for other methods.
+        How the search of `pem` or of simulation focus ended, and whether it converged; None for other methods.
     drift : DriftCure or None
         Which drift was removed from the data that the model is estimated from, and how; None if nothing was.
     tones : ToneCure or None
@@ -299,9 +299,17 @@ def identify(
         uncertainty, why_not = _uncertainty(best.model, used, Watch(None, cancelled))
         best = replace(best, uncertainty=uncertainty, no_uncertainty_because=why_not, search=watch.search)
     watch.tell("uncertainty" if best.uncertainty is not None else "validation", 1, 1)
-    model = replace(best.model, fingerprint=fingerprint_of(data, np.sqrt(np.diag(best.model.innovation_covariance))))
+    model = replace(
+        best.model,
+        fingerprint=fingerprint_of(data, np.sqrt(np.diag(best.model.innovation_covariance))),
+        search=best.model.search if best.search is None else best.search.values,
+        undecided=() if best.uncertainty is None else (best.uncertainty.at_one,),
+    )
     known = best.uncertainty and replace(best.uncertainty, model=model)
-    return replace(best, data=data, model=model, uncertainty=known, drift=cure, tones=tones, controller=controller)
+    search = SearchEnd.of(model)
+    return replace(
+        best, data=data, model=model, uncertainty=known, search=search, drift=cure, tones=tones, controller=controller
+    )
 
 
 def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:

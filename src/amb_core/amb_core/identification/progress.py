@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from amb_core.ground.errors import IdentificationError
+from amb_core.linear.model.state_space import StateSpaceModel
+
+PEM, FOCUSED = "pem", "simulation focus"
+"""What models whose parameters a search found have as their method, or at its end."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,19 @@ class SearchEnd:
     iterations: int
     left: float
     converged: bool
+
+    @classmethod
+    def of(cls, model: StateSpaceModel) -> SearchEnd | None:
+        """How the search of a model ended; None where there was none, or the model does not hold it."""
+        if not model.search.size:
+            return None
+        iterations, left, converged = model.search
+        return cls(int(iterations), float(left), bool(converged))
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """What a model holds of it, shape (3,)."""
+        return np.array([self.iterations, self.left, self.converged], dtype=np.float64)
 
 
 Progress = Callable[[IdentificationProgress], None]

@@ -90,6 +90,8 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
         initial_state=into @ model.initial_state,
         method=f"{model.method}, reduced from order {model.order}",
         fit=np.empty(0),
+        search=np.empty(0),
+        undecided=(),
     )
     return Reduction(reduced, values, unstable, 2.0 * float(values[order - unstable :].sum()))
 

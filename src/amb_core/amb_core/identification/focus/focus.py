@@ -22,7 +22,7 @@ from amb_core.data.experiments import IdentificationData
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.focus.gain import fit_kalman_gain
 from amb_core.identification.focus.problem import SimulationProblem
-from amb_core.identification.progress import Cancelled, Progress, Watch
+from amb_core.identification.progress import FOCUSED, Cancelled, Progress, SearchEnd, Watch
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.numerics import small_matrices
 from amb_core.loop.known_controller import KnownController
@@ -83,14 +83,17 @@ def focus_simulation(
         def tell(iteration: int, squares: float) -> None:
             watch.tell("simulation focus", iteration, most_iterations, squares / problem.samples)
 
-        loop = minimise(
+        search = minimise(
             problem.start, problem.squares, problem.linearise, problem.move, tell, most_iterations, _LEAST_GAIN
-        ).point
+        )
+        loop = search.point
         focused = fit_kalman_gain(loop.model, *problem.deviations(loop), loop.initial_states)
     return replace(
         focused,
         initial_state=loop.initial_states[0],
-        method=f"{model.method}, simulation focus",
+        method=f"{model.method}, {FOCUSED}",
         samples=problem.samples,
         fit=np.empty(0),
+        search=SearchEnd(search.iterations, search.left, search.left < _LEAST_GAIN).values,
+        undecided=(),
     )

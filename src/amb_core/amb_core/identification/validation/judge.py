@@ -16,6 +16,7 @@ from amb_core.data.experiments import Severity
 from amb_core.data.experiments.checks.distortion import LARGE_DISTORTION, LOW_COHERENCE
 from amb_core.identification.controller_check import NOT_CHECKED
 from amb_core.identification.controller_trials import FOREIGN
+from amb_core.identification.progress import FOCUSED, PEM
 from amb_core.identification.validation.measures import Measures
 from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
 from amb_core.identification.validation.residuals import ChiSquareTest
@@ -37,6 +38,8 @@ NOTED = "clipping"
 """Of the checks of a recording the one that is a note only: currents at their limit are recorded behind it, so they are
 the true ones, and the loop is simulated with the limit."""
 
+_ANEW = "identify the model anew; name the method of one that comes from no data"
+
 _RESERVED, _REFUSED = Verdict.RESERVATIONS, Verdict.NOT_VALIDATED
 
 
@@ -49,9 +52,8 @@ def _stable(measures: Measures) -> Condition:
     key, name, limit = "closed_loop", "the closed loop is stable", "all poles inside the unit circle"
     loop = measures.closed_loop
     if loop is None:
-        why = measures.without_loop
-        return Condition(
-            key, name, f"not checked: {why}", limit, _RESERVED,
+        return _not_checked(
+            key, name, measures.without_loop, limit,
             "give the controller of the experiment (--controller), the units of the signals and the reference",
         )  # fmt: skip
     finding = f"largest pole {np.abs(loop.poles[0]):.5f}"
@@ -71,7 +73,8 @@ def _controller(measures: Measures) -> Condition:
         return Condition(key, name, check.what, limit)
     where = f"{check.where}: " if check.where else ""
     advice = check.advice or "name the controller of the experiment with --controller"
-    return Condition(key, name, f"{where}{check.what}", limit, _RESERVED, advice)
+    checked = not check.what.startswith(NOT_CHECKED)
+    return Condition(key, name, f"{where}{check.what}", limit, _RESERVED, advice, checked)
 
 
 def _sound(measures: Measures) -> Condition:
@@ -89,9 +92,12 @@ def _followed(measures: Measures) -> Condition:
     key, name = "closed_loop_fit", "the closed loop follows as well as the noise allows"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
     loop, possible = measures.closed_loop, measures.possible_fit
-    if loop is None or possible is None:
-        level = _RESERVED if loop is None or not loop.stable else _REFUSED
-        return Condition(key, name, "not known", limit, level, "see the condition of a stable closed loop")
+    if loop is None or not loop.stable:
+        why = "there is no stable closed loop to simulate"
+        return _not_checked(key, name, why, limit, "see the condition of a stable closed loop")
+    if possible is None:
+        why = "too few samples to find what a true model reaches"
+        return _not_checked(key, name, why, limit, "record longer")
     names = measures.model.output_names
     texts = [
         f"{axis} {fit:.2f} % of {best:.2f} ± {spread:.2g} %"
@@ -144,8 +150,8 @@ def _response(measures: Measures) -> Condition:
     limit = f"{MATTERS:g} % where the loop acts, up to {MATTERS / LEAST_ACTION:g} % where it hardly does, beside chance"
     bands = measures.band_errors
     if not bands:
-        return Condition(
-            key, name, "the data say nothing at any frequency", limit, _RESERVED,
+        return _not_checked(
+            key, name, "the data say nothing at any frequency", limit,
             "excite all axes, independently or in turn, and give the reference",
         )  # fmt: skip
     where = f"{bands[0].low:.3g} to {max(band.high for band in bands):.4g} Hz"
@@ -166,6 +172,8 @@ def _deviations(measures: Measures) -> Condition:
     key, name = "deviations", "gains, dead times, stiffness and modes agree"
     limit = "an error of the response as above, beside chance"
     kinds = measures.deviations
+    if not kinds:
+        return _not_checked(key, name, "the data say nothing of any kind", limit, "record longer, and excite all axes")
     significant = [one for one in kinds if len(kinds) * one.p_value < SIGNIFICANT]
     if not significant:
         return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
@@ -173,9 +181,8 @@ def _deviations(measures: Measures) -> Condition:
     beside = [one.text for one in significant if one is not worst]
     finding = "; ".join([f"{worst.text}, {worst.size:.2g} times the error that matters", *beside[:MOST_NAMED]])
     level = _REFUSED if worst.size > 1.0 else _RESERVED
-    return Condition(
-        key, name, finding, limit, level, "is it another bearing or operating point? Otherwise identify anew"
-    )
+    advice = "is it another bearing or operating point? Otherwise identify anew"
+    return Condition(key, name, finding, limit, level, advice)
 
 
 def _ringing(measures: Measures) -> Condition:
@@ -183,14 +190,8 @@ def _ringing(measures: Measures) -> Condition:
     limit = f"{NOTABLE:g} times what is explained beside it, with {100.0 * SHARE:g} % of the motion there"
     one = measures.ringing
     if one is None:
-        return Condition(
-            key,
-            name,
-            "not checked: too few samples, or residuals that are multiples of one another",
-            limit,
-            _RESERVED,
-            "record longer",
-        )
+        why = "too few samples, or residuals that are multiples of one another"
+        return _not_checked(key, name, why, limit, "record longer")
     if not (one.p_value < SIGNIFICANT and one.height > NOTABLE):
         return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
     finding = f"the residuals ring at {one.frequency:.4g} Hz"
@@ -247,8 +248,11 @@ def _distortion(measures: Measures) -> Condition:
     limit = f"{100.0 * LARGE_DISTORTION:g} % beyond the noise, where distortion is measured"
     measured, coherence = measures.evidence.distortion, measures.evidence.coherence
     if measured is None:
+        if coherence is None:
+            why, advice = measures.evidence.coherence_problem, "excite with a multisine, see `amb distortion`"
+            return _not_checked(key, name, f"distortion not measured, {why}", limit, advice)
         noise = measures.white and measures.independent  # then nothing but noise spoils the coherence
-        if coherence is None or noise or not np.any(coherence.ratio > LOW_COHERENCE):
+        if noise or not np.any(coherence.ratio > LOW_COHERENCE):
             return Condition(key, name, measures.evidence.brief, limit)
         best = float(np.nanmin(measures.evidence.best_fit))
         finding = (
@@ -265,7 +269,9 @@ def _fresh(measures: Measures) -> Condition:
     key, name = "fresh_data", "the data are not those of the identification"
     limit = f"{100.0 * OVERLAP:g} % of their samples in common"
     if np.isnan(measures.overlap):
-        return Condition(key, name, "not known: the model has no fingerprint of its data", limit, checked=False)
+        if measures.model.method and not measures.model.samples:
+            return _not_applying(key, name, "the model names no samples that it was estimated from", limit)
+        return _not_checked(key, name, "the model has no fingerprint of its data", limit, _ANEW)
     if not measures.overlap > OVERLAP:
         return Condition(
             key, name, "no samples in common" if measures.overlap == 0.0 else "hardly any in common", limit
@@ -276,9 +282,11 @@ def _fresh(measures: Measures) -> Condition:
 
 def _converged(measures: Measures) -> Condition:
     key, name, limit = "convergence", "the search of the identification converged", "no further step promises anything"
-    search = measures.search
+    search, method = measures.search, measures.model.method
     if search is None:
-        return Condition(key, name, "not known: no search, or that of a model from a file", limit, checked=False)
+        if method and method != PEM and not method.endswith(FOCUSED):
+            return _not_applying(key, name, f"the method ({method}) searches no parameters", limit)
+        return _not_checked(key, name, "the model does not hold how its search ended", limit, _ANEW)
     finding = f"{search.iterations} steps, {100.0 * search.left:.2g} % of the squared error left"
     if search.converged:
         return Condition(key, name, finding, limit)
@@ -287,9 +295,11 @@ def _converged(measures: Measures) -> Condition:
 
 def _decided(measures: Measures) -> Condition:
     key, name = "poles", "the data decide which poles are stable"
-    limit = "no interval of a pole contains 1"
+    limit, method = "no interval of a pole contains 1", measures.model.method
     if measures.undecided is None:
-        return Condition(key, name, "not known: without the uncertainty of the model", limit, checked=False)
+        if method and method != PEM:
+            return _not_applying(key, name, f"the method ({method}) states no uncertainty", limit)
+        return _not_checked(key, name, "the uncertainty of the model is not known", limit, _ANEW)
     if not measures.undecided:
         return Condition(key, name, "they do", limit)
     return Condition(key, name, measures.undecided, limit, _RESERVED, "record longer, or excite low frequencies more")
@@ -306,6 +316,16 @@ def _noise(measures: Measures) -> Condition:
     return Condition(key, name, finding, limit, _RESERVED, advice)
 
 
+def _not_checked(key: str, name: str, why: str, limit: str, advice: str) -> Condition:
+    """A condition that there is nothing to check with: it leaves reservations."""
+    return Condition(key, name, f"{NOT_CHECKED}: {why}", limit, _RESERVED, advice, checked=False)
+
+
+def _not_applying(key: str, name: str, why: str, limit: str) -> Condition:
+    """A condition that does not concern this model."""
+    return Condition(key, name, f"does not apply: {why}", limit, checked=False)
+
+
 Rule = Callable[[Measures], Condition]
 
 RULES: tuple[tuple[Rule, str, str, str], ...] = (
@@ -314,7 +334,8 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
      "reservations, also if it is not known"),
     (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, and outliers", "reservations"),
     (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a true model reaches with "
-     f"the noise of the residuals in the loop, each axis: more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
+     f"the noise of the residuals in the loop, each axis: more than {SHORT_OF_POSSIBLE:g} points worse", "refused; not "
+     "known: reservations"),
     (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, but for tones, each axis: "
      f"more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "
@@ -332,12 +353,13 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_white, "whiteness", "portmanteau test of the residuals over 25 lags", "reservations"),
     (_distortion, "distortion", f"above {100.0 * LARGE_DISTORTION:g} % beyond the noise where it can be measured; else "
      f"noise and distortion above {100.0 * LOW_COHERENCE:g} % with residuals that are not noise",
-     "reservations"),
+     "reservations, also where neither is measured"),
     (_fresh, "other data", f"more than {100.0 * OVERLAP:g} % of the samples of the identification, by content",
-     "reservations"),
-    (_converged, "convergence", "the search of `pem`, right after an identification", "reservations"),
-    (_decided, "stability of poles", "an interval of 99 % of a pole contains 1, right after an identification",
-     "reservations"),
+     "reservations, also if it is not known"),
+    (_converged, "convergence", "the search of `pem` or of simulation focus, which the model holds",
+     "reservations, also if it is not known"),
+    (_decided, "stability of poles", "an interval of 99 % of a pole of a model of `pem` contains 1, which the model "
+     "holds", "reservations, also if it is not known"),
     (_noise, "noise part", "a model without a gain, K = 0, gets one from the data, with which the rest is judged",
      "reservations"),
 )  # fmt: skip

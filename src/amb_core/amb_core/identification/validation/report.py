@@ -156,7 +156,7 @@ def _row(one: Condition) -> list[str]:
     text = f"{one.name}: {one.finding}"
     if not one.passed:
         text += f" (limit: {one.limit}). {one.advice[:1].upper()}{one.advice[1:]}."
-    mark = f"    {_MARKS[one.level] if one.checked else '-':<9}"
+    mark = f"    {_MARKS[one.level] if one.checked or not one.passed else '-':<9}"
     return textwrap.wrap(text, WIDTH, initial_indent=mark, subsequent_indent=" " * len(mark))
 
 

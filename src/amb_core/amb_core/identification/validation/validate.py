@@ -77,7 +77,7 @@ def validate(
     plant : PlantParameters, optional
         The plant, if it is known, such as that of the simulator; by default that of a RecordedLoop.
     search : SearchEnd, optional
-        How the search of the identification ended, if it is known; by default that of an Identification.
+        How the search of the identification ended, if it is known; by default what the model holds of it.
     horizons : sequence of int, optional
         Prediction horizons (steps); by default those of `HORIZONS` that are at most half the shortest experiment.
     lags : int, optional
@@ -163,8 +163,8 @@ def _validate(
         possible_fit=loop.possible,
         without_loop=loop.missing,
         overlap=overlap(model.fingerprint, recorded),
-        search=search,
-        undecided=uncertainty.at_one if uncertainty is not None else None,
+        search=search or SearchEnd.of(model),
+        undecided=uncertainty.at_one if uncertainty is not None else next(iter(model.undecided), None),
         tones=max(quiet, key=lambda one: len(one.errors)).tones,
         removed_tones=() if cure is None else cure.frequencies,
         noise_from_data=model is not given,

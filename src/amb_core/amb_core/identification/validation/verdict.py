@@ -42,7 +42,8 @@ class Condition:
     advice : str
         What to do; empty if it holds.
     checked : bool
-        Whether there was anything to check it with; without, it holds no verdict back, and no page says that it holds.
+        Whether there was anything to check it with. What could not be checked leaves reservations; what does not apply
+        to this model holds no verdict back, and no page says that it holds.
     """
 
     key: str

@@ -21,12 +21,14 @@ _VECTORS = {
     "initial_state": "X0",
     "fit": "Fit",
     "fingerprint": "Fingerprint",
+    "search": "Search",
 }
 _NAMES = {
     "input_names": "InputName",
     "output_names": "OutputName",
     "input_units": "InputUnit",
     "output_units": "OutputUnit",
+    "undecided": "Undecided",
 }
 _NEEDED = ("A", "B", "C", "D", "Ts", "InputName", "OutputName")
 _TEXTS = {"method": "Method", "source": "Source"}
@@ -68,6 +70,8 @@ def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
         "initial_state": np.zeros(states),
         "fit": np.empty(0),
         "fingerprint": np.empty(0),
+        "search": np.empty(0),
+        "undecided": (),
         "method": "",
         "source": "",
         "sample_time": float(variables["Ts"].item()),

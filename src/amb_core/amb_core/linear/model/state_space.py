@@ -27,14 +27,14 @@ from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
-_LATER = (*_UNITS, "fingerprint")  # fields that old files lack
+_LATER = (*_UNITS, "fingerprint", "search", "undecided")  # fields that old files lack
 IN_FOLDER = "model.json"
 """The model in a folder of results."""
 LARGEST = 64 * MIB
 """Largest model in JSON that is read; one of order 100 takes about 0.5 MiB."""
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
-    "fingerprint",
+    "fingerprint", "search",
 )  # fmt: skip
 
 
@@ -71,6 +71,12 @@ class StateSpaceModel(LinearSystem):
         Units of inputs and outputs; empty for all inputs in A, all outputs in m.
     fingerprint : ndarray, shape (f,)
         Hashes of samples that it was identified from (-), by which they are recognised; empty where not known.
+    search : ndarray, shape (3,) or (0,)
+        How the search of the identification ended (-): steps, relative decrease of the squared errors that a further
+        step promises, and 1 if it converged; empty where there was none, or it is not known.
+    undecided : tuple of str
+        What the uncertainty says of poles whose stability the data do not decide, as one text, empty if they decide
+        all; no text where there is no uncertainty, or it is not known.
 
     Raises
     ------
@@ -97,6 +103,8 @@ class StateSpaceModel(LinearSystem):
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
     fingerprint: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    search: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    undecided: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -107,6 +115,7 @@ class StateSpaceModel(LinearSystem):
             names, units = tuple(getattr(self, f"{kind}_names")), tuple(getattr(self, f"{kind}_units"))
             object.__setattr__(self, f"{kind}_names", names)
             object.__setattr__(self, f"{kind}_units", units or (_UNITS[f"{kind}_units"],) * len(names))
+        object.__setattr__(self, "undecided", tuple(self.undecided))
         self._check()
 
     def unstable_poles(self) -> NDArray[np.complex128]:
@@ -247,6 +256,10 @@ class StateSpaceModel(LinearSystem):
                 raise IdentificationError(f"'{kind}_units' = {units} is not allowed; {count} texts or none are needed")
         if self.fit.shape not in ((p,), (0,)) or np.any(np.isnan(self.fit)):
             raise IdentificationError(f"'fit' = {self.fit.tolist()} is not allowed; {p} numbers or none are needed")
+        if self.search.shape not in ((3,), (0,)) or not np.all(np.isfinite(self.search)):
+            raise IdentificationError(f"'search' = {self.search.tolist()} is not allowed; 3 numbers or none are needed")
+        if len(self.undecided) > 1 or not all(isinstance(text, str) for text in self.undecided):
+            raise IdentificationError(f"'undecided' = {self.undecided} is not allowed; one text or none is needed")
         if not (math.isfinite(self.sample_time) and self.sample_time > 0.0):
             raise IdentificationError(f"'sample_time' = {self.sample_time!r} s is not allowed; it must be positive")
 

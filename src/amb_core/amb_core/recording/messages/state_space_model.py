@@ -15,7 +15,7 @@ M = TypeVar("M", bound=Any)
 STATE_SPACE_MODEL = "amb_msgs/msg/StateSpaceModel"
 _ARRAYS = (
     "a", "b", "c", "d", "k", "innovation_covariance", "input_offset", "output_offset", "initial_state", "fit",
-    "fingerprint",
+    "fingerprint", "search",
 )  # fmt: skip
 
 
@@ -50,6 +50,8 @@ def model_from_message(message: Any) -> StateSpaceModel:
         samples=int(message.samples),
         fit=np.asarray(message.fit),
         fingerprint=np.asarray(getattr(message, "fingerprint", ())),
+        search=np.asarray(getattr(message, "search", ())),
+        undecided=tuple(getattr(message, "undecided", ())),
     )
 
 
@@ -58,7 +60,7 @@ def fill_model(message: M, model: StateSpaceModel) -> M:
     message.order, message.inputs, message.outputs = model.order, len(model.input_names), len(model.output_names)
     message.sample_time, message.samples = model.sample_time, model.samples
     message.method, message.source = model.method, model.source
-    for name in ("input_names", "output_names", "input_units", "output_units"):
+    for name in ("input_names", "output_names", "input_units", "output_units", "undecided"):
         setattr(message, name, list(getattr(model, name)))
     for name in _ARRAYS:
         setattr(message, name, doubles(getattr(model, name)))

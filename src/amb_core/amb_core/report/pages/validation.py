@@ -38,8 +38,8 @@ def validation_reason(validation: Validation) -> str:
     """Why the verdict is what it is, in a sentence."""
     failed = validation.failed
     if not failed:
-        checked = [one for one in validation.conditions if one.checked]
-        return f"All {len(checked)} conditions that could be checked hold, of {len(validation.conditions)}."
+        apply = [one for one in validation.conditions if one.checked]
+        return f"All {len(apply)} conditions that apply hold, of {len(validation.conditions)}."
     worst = [one for one in failed if one.level is failed[0].level]
     findings = "; ".join(f"{one.name}: {one.finding}" for one in worst)
     return f"{len(worst)} of {len(validation.conditions)} conditions {_DO_NOT[failed[0].level]}: {findings}."
@@ -67,7 +67,7 @@ def _conditions(conditions: Sequence[Condition]) -> TableBlock:
     rows = [
         (
             one.name,
-            Badge(_WORDS[one.level], _STATES[one.level]) if one.checked else Badge("not checked"),
+            _badge(one),
             one.finding,
             one.limit,
             one.advice,
@@ -75,6 +75,12 @@ def _conditions(conditions: Sequence[Condition]) -> TableBlock:
         for one in conditions
     ]
     return TableBlock(("condition", "", "finding", "allowed", "what to do"), rows, "Conditions of the verdict")
+
+
+def _badge(one: Condition) -> Badge:
+    if one.checked:
+        return Badge(_WORDS[one.level], _STATES[one.level])
+    return Badge("does not apply") if one.passed else Badge("not checked", _STATES[one.level])
 
 
 def _closed_loop(validation: Validation) -> list[Block]:
