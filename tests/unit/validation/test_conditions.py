@@ -212,7 +212,7 @@ def test_a_peak_that_matters_is_not_hidden_by_a_more_significant_one_that_does_n
 
 def test_errors_that_ring_little_leave_reservations(validation: Validation) -> None:
     for share, level in ((0.05, "validated with reservations"), (0.5, "not validated")):
-        changed = replace(validation, ringing=Ringing(3_000.0, 5.0, share, 1e-9))
+        changed = replace(validation, ringing=Ringing(3_000.0, 5.0, share, 1e-9, 1e-9))
         assert condition(changed, "ringing").level == level and "3000 Hz" in condition(changed, "ringing").finding
 
 

@@ -21,7 +21,6 @@ from amb_core.loop.linear_control import linear_law
 from amb_core.loop.linear_parameters import require_order
 from amb_core.loop.records import LoopRecord
 
-_MEMORY = 8_192  # samples after which noise has left the loop
 DIVERGED = 1e-2  # m, larger than the air gap of any bearing considered here
 
 
@@ -118,38 +117,6 @@ def loop_of(model: StateSpaceModel, controller: KnownController) -> LinearSystem
     axes = loop_axes(model, controller)
     controller.require_axes(axes)
     return feedback(model, linear_law(controller, axes), references=axes)
-
-
-def noise_in_loop(
-    model: StateSpaceModel, controller: KnownController, covariance: NDArray[np.float64], steps: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """What innovations of a covariance add to the positions in the loop without its limit.
-
-    Returns
-    -------
-    variance, deviation : ndarray, shape (axes,)
-        Variance of each position (m^2), and the standard deviation of its mean square over so many steps.
-
-    Raises
-    ------
-    IdentificationError
-        If model and controller do not fit together, or the loop is not stable.
-    """
-    loop, (positions, disturbances) = loop_of(model, controller), _of_positions(model)
-    if not loop.radius < 1.0:
-        raise IdentificationError("the closed loop of model and controller is not stable")
-    drive, shown = loop.b[:, disturbances].copy(), loop.c[positions]
-    drive[: model.order] += model.k
-    responses = np.empty((_MEMORY, len(shown), len(shown)))
-    responses[0] = np.eye(len(shown))
-    for step in range(1, _MEMORY):
-        responses[step] = shown @ drive
-        drive = loop.a @ drive
-    spectra = np.fft.fft(responses, axis=0)
-    power = np.einsum("fij,jk,fik->fi", spectra, covariance, spectra.conj()).real
-    # Parseval: the variance is the mean of the spectrum, and the sum of all squared autocovariances that of its square,
-    # of which the mean square of normal noise over N steps has 2 / N times as variance.
-    return power.mean(axis=0), np.sqrt(2.0 * np.mean(power**2, axis=0) / steps)
 
 
 def complementary_sensitivity(

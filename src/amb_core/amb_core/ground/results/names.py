@@ -25,7 +25,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "fit": ("percent", "closed-loop fit by output"),
     "fit_percent": ("percent", "fit by output; of a prediction by horizon and output"),
     "fit_without_means_percent": ("percent", "closed-loop fit by output, means left out"),
-    "possible_fit_percent": ("percent", "closed-loop fit by output that the noise allows"),
+    "possible_fit_percent": ("percent", "closed-loop fit by output that the data allow"),
     "innovation_rms": ("unit of the output", "rms of the innovation by output"),
     "input_offset": ("unit of the input", "operating point by input"),
     "output_offset": ("unit of the output", "operating point by output"),

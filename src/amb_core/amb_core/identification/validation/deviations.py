@@ -38,7 +38,7 @@ from scipy import linalg, special
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.prediction import Prediction, filtered, predicted_states
-from amb_core.identification.validation.model_error import column_sizes, limit_at
+from amb_core.identification.validation.model_error import column_sizes, limit_at, variance_of_estimate
 from amb_core.identification.validation.verdict import SIGNIFICANT
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
@@ -68,12 +68,14 @@ class Deviation:
     name, unit : str
         What deviates, and the unit of the values: `%` or `samples`.
     value, deviation : float
-        Of the plant from the model, and its standard deviation, that of the model included; NaN for a mode.
+        Of the plant from the model, and its standard deviation by the noise of these data; NaN for a mode.
     size : float
         Largest error of the response that it makes with those that are significant, relative to the limit there; above
         1 it matters.
     p_value : float
         Probability for a true model that it explains so much beyond those that explain more.
+    p_estimated : float
+        The same for a model that was estimated from as few samples as this one.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Deviation:
     deviation: float
     size: float
     p_value: float
+    p_estimated: float
 
     @property
     def text(self) -> str:
@@ -156,8 +159,8 @@ def _linear(
     if products is None:
         return [], [part[:, :0] for part in shaped]
     of_plain, of_rest = products
-    variance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
-    taken, p_values = of_rest.taken(variance)
+    taken, explained = of_rest.taken()
+    variance = variance_of_estimate(model, data)
     # Where they dominate the errors, past errors are of these kinds too, and would hide them.
     values = (of_plain if of_plain.explained(taken) > _DOMINANT else of_rest).values(taken)
     strength, along = of_rest.beyond(taken)
@@ -165,16 +168,16 @@ def _linear(
     for number, one in enumerate(directions):
         if number in taken:
             place = taken.index(number)
-            value, deviation, size, p_value = values[place], of_rest.spread(taken)[place], together, p_values[place]
+            value, deviation, size, sigmas = values[place], of_rest.spread(taken)[place], together, explained[place]
         elif strength[number] > _STILL * of_rest.count:
             value, deviation = along[number] / strength[number], 1.0 / math.sqrt(strength[number])
             size = bands.largest(_changed(directions, {number: value}, bands))
-            p_value = of_rest.p_values(taken, variance)[number]
+            sigmas = float(of_rest.sigmas(taken)[number])
         else:
             continue
-        deviation *= math.sqrt(variance)
+        p_value, p_estimated = (2.0 * float(special.ndtr(-sigmas / math.sqrt(scale))) for scale in (1.0, variance))
         deviations.append(
-            Deviation(one.name, one.unit, one.scale * float(value), one.scale * deviation, size, float(p_value))
+            Deviation(one.name, one.unit, one.scale * float(value), one.scale * deviation, size, p_value, p_estimated)
         )
     return deviations, [part[:, taken] for part in shaped]
 
@@ -218,28 +221,23 @@ class _Along:
         by_direction = np.moveaxis(psi, 1, 0).reshape(psi.shape[1], -1)
         self.power, self.product = by_direction @ by_direction.T, by_direction @ white.ravel()
 
-    def taken(self, variance: float) -> tuple[list[int], list[float]]:
-        """The directions that explain more than chance, the best first, and the probability of each after those before.
-
-        `variance` is that of what a true model's errors explain, relative to their own.
-        """
+    def taken(self) -> tuple[list[int], list[float]]:
+        """The directions that explain more than chance, the best first, and how much of each, see `sigmas`."""
         taken: list[int] = []
-        chances: list[float] = []
+        explained: list[float] = []
         while len(taken) < len(self.product):
-            strength, along = self.beyond(taken)
-            p_values = self.p_values(taken, variance)
-            best = int(np.argmax(along**2 / np.maximum(strength, np.finfo(float).tiny)))
-            if not len(self.product) * p_values[best] < SIGNIFICANT:
+            sigmas = self.sigmas(taken)
+            best = int(np.argmax(sigmas))
+            if not len(self.product) * 2.0 * special.ndtr(-sigmas[best]) < SIGNIFICANT:
                 break
             taken.append(best)
-            chances.append(float(p_values[best]))
-        return taken, chances
+            explained.append(float(sigmas[best]))
+        return taken, explained
 
-    def p_values(self, taken: list[int], variance: float) -> Arrays:
-        """Of each direction, for what it explains beyond those taken."""
+    def sigmas(self, taken: list[int]) -> Arrays:
+        """What each direction explains beyond those taken, in standard deviations of what a true model's errors do."""
         strength, along = self.beyond(taken)
-        size = np.abs(along) / np.sqrt(variance * np.maximum(strength, np.finfo(float).tiny))
-        return np.asarray(2.0 * special.ndtr(-size))
+        return np.asarray(np.abs(along) / np.sqrt(np.maximum(strength, np.finfo(float).tiny)))
 
     def beyond(self, taken: list[int]) -> tuple[Arrays, Arrays]:
         """Power of each direction, and its product with the errors, beyond those taken; 0 where nothing is left."""
@@ -317,7 +315,7 @@ def _modes(
         return
     left = np.linalg.inv(right)
     at_first = _log_size(prediction.residuals, others)
-    variance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
+    variance = variance_of_estimate(model, data)
     for number, pole in enumerate(poles):
         if pole.imag <= 0.0:
             continue
@@ -332,12 +330,16 @@ def _modes(
             if better > best[0]:
                 best = (better, move, moved)
         if best[0] > 0.0:
-            p_value = min(1.0, len(MOVES) * float(special.chdtrc(1.0, data.samples * best[0] / variance)))
+            p_value, p_estimated = (
+                min(1.0, len(MOVES) * float(special.chdtrc(1.0, data.samples * best[0] / scale)))
+                for scale in (1.0, variance)
+            )
             frequency = abs(rate) / (2.0 * np.pi * model.sample_time)
             size = bands.largest(best[2].response(bands.frequency) - bands.response)
             yield Deviation(
-                f"frequency of the mode at {frequency:.0f} Hz", "%", 100.0 * best[1], math.nan, size, p_value
-            )
+                f"frequency of the mode at {frequency:.0f} Hz", "%", 100.0 * best[1], math.nan, size, p_value,
+                p_estimated,
+            )  # fmt: skip
 
 
 def _log_size(errors: Sequence[Arrays], effects: list[Arrays]) -> float:

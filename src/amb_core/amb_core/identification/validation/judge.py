@@ -7,8 +7,9 @@ a model; one that is significant and small, or a condition that is not known, le
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from amb_core.data.experiments.checks.distortion import LARGE_DISTORTION, LOW_CO
 from amb_core.identification.controller_check import NOT_CHECKED
 from amb_core.identification.controller_trials import FOREIGN
 from amb_core.identification.progress import FOCUSED, PEM
+from amb_core.identification.validation.deviations import Deviation
 from amb_core.identification.validation.measures import Measures
-from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED
+from amb_core.identification.validation.model_error import LEAST_ACTION, MATTERS, RESOLVED, BandError
+from amb_core.identification.validation.possible import LAGS
 from amb_core.identification.validation.residuals import ChiSquareTest
 from amb_core.identification.validation.ringing import NOTABLE, SHARE
 from amb_core.identification.validation.verdict import SIGNIFICANT, Condition, Verdict
@@ -89,7 +92,7 @@ def _sound(measures: Measures) -> Condition:
 
 
 def _followed(measures: Measures) -> Condition:
-    key, name = "closed_loop_fit", "the closed loop follows as well as the noise allows"
+    key, name = "closed_loop_fit", "the closed loop follows as well as the data allow"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
     loop, possible = measures.closed_loop, measures.possible_fit
     if loop is None or not loop.stable:
@@ -155,7 +158,8 @@ def _response(measures: Measures) -> Condition:
             "excite all axes, independently or in turn, and give the reference",
         )  # fmt: skip
     where = f"{bands[0].low:.3g} to {max(band.high for band in bands):.4g} Hz"
-    significant = [band for band in bands if len(bands) * band.p_value < SIGNIFICANT and band.error > 0.0]
+    errors = [(band, band.error > band.limit) for band in bands if band.error > 0.0]
+    significant = _beyond_chance(errors, len(bands))
     if not significant:
         return Condition(key, name, f"no error beside chance from {where}", limit)
     worst = max(significant, key=lambda band: band.error / band.limit)
@@ -165,7 +169,28 @@ def _response(measures: Measures) -> Condition:
     )
     level = _REFUSED if worst.error > worst.limit else _RESERVED
     advice = "excite these frequencies in the identification, at this amplitude, or raise the order"
-    return Condition(key, name, finding, limit, level, advice)
+    return Condition(key, name, finding, limit, level, _by_few_samples(measures, worst, len(bands)) or advice)
+
+
+_Found = TypeVar("_Found", BandError, Deviation)
+
+
+def _beyond_chance(found: Sequence[tuple[_Found, bool]], count: int) -> list[_Found]:
+    """Of so many findings, each with whether it matters, those that are significant.
+
+    An error that does not matter is excused where the noise in the data of the identification explains it too.
+    """
+    return [one for one, matters in found if count * (one.p_value if matters else one.p_estimated) < SIGNIFICANT]
+
+
+def _by_few_samples(measures: Measures, one: BandError | Deviation, count: int) -> str:
+    """What to do about an error that a model from so few samples is bound to have; empty for any other."""
+    if count * one.p_estimated < SIGNIFICANT:
+        return ""
+    return (
+        f"the model was estimated from {measures.model.samples} samples, whose noise alone may cause such an error: "
+        "identify from longer data"
+    )
 
 
 def _deviations(measures: Measures) -> Condition:
@@ -174,7 +199,7 @@ def _deviations(measures: Measures) -> Condition:
     kinds = measures.deviations
     if not kinds:
         return _not_checked(key, name, "the data say nothing of any kind", limit, "record longer, and excite all axes")
-    significant = [one for one in kinds if len(kinds) * one.p_value < SIGNIFICANT]
+    significant = _beyond_chance([(one, one.size > 1.0) for one in kinds], len(kinds))
     if not significant:
         return Condition(key, name, f"none of {len(kinds)} kinds deviates", limit)
     worst = max(significant, key=lambda one: one.size)
@@ -182,7 +207,7 @@ def _deviations(measures: Measures) -> Condition:
     finding = "; ".join([f"{worst.text}, {worst.size:.2g} times the error that matters", *beside[:MOST_NAMED]])
     level = _REFUSED if worst.size > 1.0 else _RESERVED
     advice = "is it another bearing or operating point? Otherwise identify anew"
-    return Condition(key, name, finding, limit, level, advice)
+    return Condition(key, name, finding, limit, level, _by_few_samples(measures, worst, len(kinds)) or advice)
 
 
 def _ringing(measures: Measures) -> Condition:
@@ -192,7 +217,8 @@ def _ringing(measures: Measures) -> Condition:
     if one is None:
         why = "too few samples, or residuals that are multiples of one another"
         return _not_checked(key, name, why, limit, "record longer")
-    if not (one.p_value < SIGNIFICANT and one.height > NOTABLE):
+    p_value = one.p_value if one.share > SHARE else one.p_estimated
+    if not (p_value < SIGNIFICANT and one.height > NOTABLE):
         return Condition(key, name, "no narrow peak in what the past explains of the residuals", limit)
     finding = f"the residuals ring at {one.frequency:.4g} Hz"
     advice = "raise the order, or remove a disturbance of this frequency"
@@ -333,9 +359,9 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_controller, "controller", "recorded currents against those it computes from the recorded positions",
      "reservations, also if it is not known"),
     (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, and outliers", "reservations"),
-    (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a true model reaches with "
-     f"the noise of the residuals in the loop, each axis: more than {SHORT_OF_POSSIBLE:g} points worse", "refused; not "
-     "known: reservations"),
+    (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a regression of up to "
+     f"{LAGS[-1]} lags on the references reaches, whatever the model, each axis: more than {SHORT_OF_POSSIBLE:g} "
+     "points worse", "refused; not known: reservations"),
     (_predicted, "one-step fit", "compared with what 25 past samples of all signals explain, but for tones, each axis: "
      f"more than {SHORT_OF_POSSIBLE:g} points worse", "refused"),
     (_response, "response by frequency", f"error from each input in bands in which noise leaves less than "

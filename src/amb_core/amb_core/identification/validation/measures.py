@@ -16,9 +16,10 @@ from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import Deviation
 from amb_core.identification.validation.frequency import FrequencyComparison
 from amb_core.identification.validation.model_error import BandError
+from amb_core.identification.validation.possible import PossibleFit
 from amb_core.identification.validation.residuals import ResidualTests
 from amb_core.identification.validation.ringing import Ringing
-from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit
+from amb_core.identification.validation.simulation import ClosedLoop
 from amb_core.identification.validation.undisturbed import Tone
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.regions.distortion import Evidence
@@ -59,7 +60,7 @@ class Measures(Result):
     ringing : Ringing or None
         The most significant peak in the spectrum of the residuals. None if no peak is significant.
     possible_fit : PossibleFit or None
-        Closed-loop fit that a true model reaches with the noise of these data; None without a stable loop.
+        Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
         Why there is no closed loop; empty if there is one.
     overlap : float

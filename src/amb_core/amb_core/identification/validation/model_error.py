@@ -58,11 +58,14 @@ class BandError:
         The input whose response it is, to all outputs.
     error, deviation : float
         Size of the error relative to that of the response (root mean squares over the band), less what noise adds on
-        average, and the root mean square that noise gives a true model (percent).
+        average, and the root mean square that noise gives a true model (percent). The response is the larger one of
+        the model's and the plant's, so that a model that hardly responds does not hide its error.
     limit : float
         Error that matters (percent): 5 where the loop acts, up to 50 where it hardly does.
     p_value : float
         Probability of so large an error for a true model.
+    p_estimated : float
+        The same for a model that was estimated from as few samples as this one, as if its data had been excited alike.
     """
 
     low: float
@@ -72,6 +75,7 @@ class BandError:
     deviation: float
     limit: float
     p_value: float
+    p_estimated: float
 
 
 def response_errors(
@@ -82,10 +86,7 @@ def response_errors(
     *,
     open_loop: bool = False,
 ) -> tuple[BandError, ...]:
-    """Errors in all bands of which the data say anything; none without a reference that moves.
-
-    The deviations contain that of a model from N_i samples, as if its data had been excited alike.
-    """
+    """Errors in all bands of which the data say anything; none without a reference that moves."""
     references = [item.inputs if open_loop else item.reference for item in data.experiments]
     parts = [
         (reference, item.inputs, errors)
@@ -97,7 +98,6 @@ def response_errors(
     spectra = [tuple(np.fft.rfft(part - part.mean(axis=0), axis=0)[1:] for part in item) for item in parts]
     frequency = np.concatenate([np.fft.rfftfreq(len(item[0]), data.sample_time)[1:] for item in parts])
     r, u, e = (np.vstack([item[place] for item in spectra]) for place in range(3))
-    allowance = 1.0 + (data.samples / model.samples if model.samples else 0.0)
     power = np.sum(np.abs(r) ** 2)
     noise_filter = LinearSystem(model.a, model.k, model.c, np.eye(model.outputs), model.sample_time)
     errors_of_bands = []
@@ -114,17 +114,29 @@ def response_errors(
         x, variance, free = estimate
         middle = math.sqrt(low * high)
         h, limit = noise_filter.response([middle])[0], limit_at(model, controller, middle)
-        sizes = column_sizes(model.response(np.linspace(low, high, _POINTS)))
-        noise = np.sum(np.abs(h) ** 2 @ variance, axis=0) * allowance
+        of_plant = model.response([middle]) + h @ x
+        sizes = np.maximum(column_sizes(model.response(np.linspace(low, high, _POINTS))), column_sizes(of_plant))
+        noise = np.sum(np.abs(h) ** 2 @ variance, axis=0)
         error = np.sum(np.abs(h @ x) ** 2, axis=0)
-        ratio = np.mean(np.abs(x) ** 2 / (allowance * variance), axis=0)
+        ratio = np.mean(np.abs(x) ** 2 / variance, axis=0)
         for column, name in enumerate(model.input_names):
             deviation = 100.0 * math.sqrt(noise[column]) / sizes[column]
             if deviation <= RESOLVED:
                 more = 100.0 * math.sqrt(max(error[column] - noise[column], 0.0)) / sizes[column]
-                p_value = float(special.fdtrc(2 * len(x), 2 * free, ratio[column]))
-                errors_of_bands.append(BandError(low, high, name, more, deviation, limit, p_value))
+                p_value, p_estimated = (
+                    float(special.fdtrc(2 * len(x), 2 * free, ratio[column] / variance))
+                    for variance in (1.0, variance_of_estimate(model, data))
+                )
+                errors_of_bands.append(BandError(low, high, name, more, deviation, limit, p_value, p_estimated))
     return tuple(errors_of_bands)
+
+
+def variance_of_estimate(model: StateSpaceModel, data: IdentificationData) -> float:
+    """Variance of an error by noise, relative to a true model's, of one estimated from N_i samples: 1 + N / N_i.
+
+    It excuses what is significant and small, and nothing that matters: a model from few samples is not accurate.
+    """
+    return 1.0 + (data.samples / model.samples if model.samples else 0.0)
 
 
 def limit_at(model: StateSpaceModel, controller: KnownController | None, frequency: float) -> float:

@@ -195,7 +195,7 @@ def _possible(validation: JudgedMeasures) -> list[tuple[str, Sequence[str]]]:
     if possible is None:
         return []
     values = zip(possible.fit, possible.deviation, strict=True)
-    return [("fit that the noise allows (%)", [f"{fit:.2f} ± {spread:.2g}" for fit, spread in values])]
+    return [("fit that the data allow (%)", [f"{fit:.2f} ± {spread:.2g}" for fit, spread in values])]
 
 
 def _distortion(validation: JudgedMeasures) -> list[str]:

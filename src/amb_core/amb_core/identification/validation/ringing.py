@@ -63,12 +63,15 @@ class Ringing:
         Prediction error relative to the motion beside it, root mean squares, of the output where it is largest.
     p_value : float
         Probability of so much anywhere for a true model.
+    p_estimated : float
+        The same for a model that was estimated from as few samples as this one.
     """
 
     frequency: float
     height: float
     share: float
     p_value: float
+    p_estimated: float
 
 
 def find_ringing(
@@ -76,7 +79,7 @@ def find_ringing(
     inputs: Sequence[Arrays],
     outputs: Sequence[Arrays],
     sample_time: float,
-    allowance: float = 1.0,
+    variance_of_estimate: float = 1.0,
     effects: Callable[[int], Arrays] | None = None,
 ) -> Ringing | None:
     """The most significant peak in the longest experiment; None if it is too short, or its errors are not independent.
@@ -87,7 +90,7 @@ def find_ringing(
         Of each experiment.
     sample_time : float
         Sample time (s).
-    allowance : float
+    variance_of_estimate : float
         Variance of what the errors of a model with uncertain parameters explain, relative to a true one's.
     effects : callable, optional
         Called with the number of an experiment; returns what deviations that are no modes do to its errors, shape
@@ -116,19 +119,26 @@ def find_ringing(
     damping = np.maximum(_DAMPING, _LINES / (grid * duration))
     poles = np.exp((1j - damping) * 2.0 * np.pi * grid * sample_time)
     states = (_states(pole, signals)[_PAST:] for pole in poles)
-    explained = np.array([_explained(rest, one, past) for one in states]) / allowance
+    explained = np.array([_explained(rest, one, past) for one in states])
     beside = [explained[max(place - _NEIGHBOURHOOD, 0) : place + _NEIGHBOURHOOD] for place in range(len(grid))]
     level, rows = np.array([np.median(part) for part in beside]), 2 * signals.shape[1]
     heights = explained / level
+    p_values, p_estimated = (
+        len(grid) * _by_chance(explained / scale, level / scale, rows, p) for scale in (1.0, variance_of_estimate)
+    )
+    shares = _shares(tones.rest, motion, grid * sample_time)
+    high = heights > NOTABLE
+    refuses = high & (p_values < SIGNIFICANT) & (shares > SHARE)  # a small peak does not hide one that matters
+    best = np.lexsort((-heights, p_values, ~high, ~refuses))[0]
+    found = grid, heights, shares, np.minimum(p_values, 1.0), np.minimum(p_estimated, 1.0)
+    return Ringing(*(float(values[best]) for values in found))
+
+
+def _by_chance(explained: Arrays, level: Arrays, rows: int, p: int) -> Arrays:
+    """Probability of so much at each frequency for a true model, `level` being what is explained beside it."""
     # Where errors are not white anyway, that much more than beside it: a noncentral chi-square variable, nearly normal.
     spread = np.sqrt(2.0 * (level + np.maximum(level - largest_root.mean(rows, p), 0.0)))
-    by_chance = largest_root.survival(explained, rows, p)
-    p_values = np.maximum(by_chance, special.ndtr((level - explained) / spread))
-    shares = _shares(tones.rest, motion, grid * sample_time)
-    high, by_chance = heights > NOTABLE, np.minimum(len(grid) * p_values, 1.0)
-    refuses = high & (by_chance < SIGNIFICANT) & (shares > SHARE)  # a small peak does not hide one that matters
-    best = np.lexsort((-heights, p_values, ~high, ~refuses))[0]
-    return Ringing(float(grid[best]), float(heights[best]), float(shares[best]), float(by_chance[best]))
+    return np.maximum(largest_root.survival(explained, rows, p), special.ndtr((level - explained) / spread))
 
 
 def _shares(errors: Arrays, motion: Arrays, frequencies: Arrays) -> Arrays:

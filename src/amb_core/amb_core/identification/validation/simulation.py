@@ -11,13 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.closed_loop import (
     DivergenceError,
     closed_loop_poles,
-    noise_in_loop,
     simulate_closed_loop,
 )
 from amb_core.identification.controller_state import start_of
@@ -61,45 +59,6 @@ class ClosedLoop:
     def stable(self) -> bool:
         """Whether all poles lie inside the unit circle."""
         return bool(np.all(np.abs(self.poles) < 1.0))
-
-
-@dataclass(frozen=True, eq=False)
-class PossibleFit:
-    """The closed-loop fit that a true model reaches with the noise of these data.
-
-    Attributes
-    ----------
-    fit, deviation : ndarray, shape (axes,)
-        Expected fit and its standard deviation (percent).
-    """
-
-    fit: NDArray[np.float64]
-    deviation: NDArray[np.float64]
-
-    def chance(self, probability: float) -> NDArray[np.float64]:
-        """What a true model loses more only with a probability (points), shape (axes,)."""
-        return -float(special.ndtri(probability)) * self.deviation
-
-
-def possible_fit(
-    model: StateSpaceModel,
-    controller: KnownController,
-    measured: Sequence[LoopRecord],
-    residuals: Sequence[NDArray[np.float64]],
-) -> PossibleFit | None:
-    """What the residuals, as innovations of the loop, leave of a perfect fit; None for an unstable loop."""
-    steps = sum(map(len, residuals))
-    covariance = sum(part.T @ part for part in (part - part.mean(axis=0) for part in residuals)) / steps
-    try:
-        variance, deviation = noise_in_loop(model, controller, np.asarray(covariance), steps)
-    except IdentificationError:
-        return None
-    positions = np.vstack([record.position for record in measured])
-    motion = positions.std(axis=0)
-    if not np.all(motion > 0.0):
-        return None
-    rms = np.sqrt(variance)
-    return PossibleFit(100.0 * (1.0 - rms / motion), 50.0 * deviation / (rms * motion))
 
 
 def check_closed_loop(

@@ -29,12 +29,13 @@ from amb_core.identification.progress import SearchEnd
 from amb_core.identification.validation.deviations import effects_of, find_deviations
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
-from amb_core.identification.validation.model_error import response_errors
+from amb_core.identification.validation.model_error import response_errors, variance_of_estimate
 from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import overlap
+from amb_core.identification.validation.possible import PossibleFit, possible_fit
 from amb_core.identification.validation.residuals import LAGS, check_residuals
 from amb_core.identification.validation.ringing import LONGEST, Ringing, find_ringing
-from amb_core.identification.validation.simulation import ClosedLoop, PossibleFit, check_closed_loop, possible_fit
+from amb_core.identification.validation.simulation import ClosedLoop, check_closed_loop
 from amb_core.identification.validation.undisturbed import Undisturbed, undisturbed
 from amb_core.identification.validation.validation import Validation
 from amb_core.linear.model.state_space import StateSpaceModel
@@ -180,7 +181,7 @@ def _ringing(
         _from_first(data, quiet, "inputs"),
         _from_first(data, quiet, "outputs"),
         data.sample_time,
-        1.0 + (data.samples / model.samples if model.samples else 0.0),
+        variance_of_estimate(model, data),
         lambda index: effects_of(model, data, prediction, index, quiet[index].first + LONGEST)[quiet[index].first :],
     )
 
@@ -250,8 +251,7 @@ def _closed_loop(
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
     closed_loop = check_closed_loop(model, controller, measured, prediction.first_states[known])
-    residuals = [prediction.residuals[index] for index in known]
-    return _Loop(closed_loop, possible_fit(model, controller, measured, residuals), "", tuple(notes))
+    return _Loop(closed_loop, possible_fit(measured), "", tuple(notes))
 
 
 def _controller_check(data: IdentificationData, controller: KnownController | None, loop: _Loop) -> Finding:

@@ -42,7 +42,7 @@ class Validation(JudgedMeasures):
     ringing : Ringing or None
         The most significant peak in the spectrum of the residuals. None if no peak is significant.
     possible_fit : PossibleFit or None
-        Closed-loop fit that a true model reaches with the noise of these data; None without a stable loop.
+        Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
         Why there is no closed loop; empty if there is one.
     overlap : float
