@@ -62,11 +62,11 @@ def test_identify_takes_a_loop_with_its_controller(identification) -> None:
 
 
 def test_validate_takes_what_identify_takes(identification, record: LoopRecord, other: LoopRecord) -> None:
-    """A record says nothing of its controller, a loop does; an identification has its search and uncertainty."""
+    """A record says nothing of its controller, a loop does; a model knows of its search."""
     known = RecordedLoop(amb.IdentificationData.from_record(other), ControllerParameters())
     with_loop, without = amb.validate(identification, known), amb.validate(identification.model, other)
     assert with_loop.closed_loop is not None and with_loop.search is identification.search
-    assert without.closed_loop is None and without.search is None
+    assert without.closed_loop is None and without.search == identification.search
     given = amb.validate(identification.model, known.data, known.controller)
     assert given.fit == pytest.approx(with_loop.fit)
 

@@ -61,6 +61,7 @@ def test_a_whole_message_is_read(reader: MessageReader) -> None:
         WHOLE.replace(b"x\0", b"\xff\0", 1),  # no UTF-8
         WHOLE.replace(b"x\0", b"xx", 1),  # without its end
     ],
+    ids=lambda data: f"{len(data)} bytes",  # what fills gaps in a message is another with each serialization
 )
 def test_bytes_that_a_reader_of_the_bag_does_not_understand_are_refused(reader: MessageReader, data: bytes) -> None:
     with pytest.raises(AmbError, match=f"the message cannot be read: its {len(data)} bytes are no LoopSamples"):
