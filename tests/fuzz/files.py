@@ -158,6 +158,7 @@ def read_as_commands_do(path: Path) -> str:
     from amb_core.ground.files.matlab import load_variables
     from amb_core.identification import StateSpaceModel
     from amb_core.recording import Recording
+    from amb_core.recording.run_overview import read_runs
 
     console = Console(file=open(os.devnull, "w"), width=200)  # noqa: PTH123, SIM115
     if path.stem.startswith("model") or path.suffix == ".json":
@@ -171,7 +172,7 @@ def read_as_commands_do(path: Path) -> str:
         return str(DataOptions({"controller": "none"}).read(console, path))
     recording = Recording.read(path)
     console.print(_topics(recording.topics))
-    console.print(_runs(recording))
+    console.print(_runs(read_runs(path)[0]))
     return f"{recording.parameters()} {recording.machine()} {recording.regions()} {recording.model()}"
 
 

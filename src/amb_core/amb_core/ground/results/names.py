@@ -82,6 +82,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "shares": ("-", "share by region, of time or of power"),
     "share": ("-", "share of the power"),
     "gaps": ("-", "spans of steps without usable samples"),
+    "frozen": ("-", "positions that stay the same while their axis moves, with the steps"),
     "sampling_beats": ("Hz and s", "input frequency and time of beats with the sample rate, from and to"),
     "amplitude": ("m", "amplitude"),
     "largest_amplitude": ("m", "largest amplitude within the limits"),
