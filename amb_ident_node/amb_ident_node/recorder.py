@@ -15,7 +15,6 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
@@ -42,6 +41,7 @@ from amb_ident_node.recorded_topics import (
     monitor_progress,
 )
 from amb_ident_node.recorder_parameters import RecorderParameters
+from amb_ident_node.stops import Stop, Stops
 from amb_msgs.msg import LoopSamples, PlantState, SimulatorState
 from amb_msgs.srv import GetState, StartRecording, StopRecording
 from amb_ros import diagnostics, topics
@@ -56,16 +56,6 @@ from amb_ros.subscriptions import create_subscription
 
 WATCH_PERIOD = 0.5  # s, between looks for new nodes and publishers
 LONGEST_PAUSE = 30.0  # s, between attempts to read the parameters of a node; the pause doubles each time
-DEFAULT_STOP_TIMEOUT = 10.0  # s
-LONGEST_STOP_TIMEOUT = 3600.0  # s
-
-
-class _Stop(NamedTuple):
-    """A request to stop that has no answer yet, with the recording that it ends."""
-
-    request: StopRecording.Request
-    deadline: float  # in the steady clock (s)
-    recording: BagInProgress | None
 
 
 class RecorderNode(Node):
@@ -91,7 +81,7 @@ class RecorderNode(Node):
         self._reader = MessageReader(self._definitions)
         self._refused_lately = RecentProblem()
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
-        self._stops: list[_Stop] = []  # oldest first; also those that wait for the worker
+        self._stops = Stops()  # also those that wait for the worker
         self._stopped: tuple[BagInProgress, StopRecording.Response] | None = None  # the last recording, and the answer
         # One worker: a start and a stop never run at the same time.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="recorder")
@@ -193,22 +183,15 @@ class RecorderNode(Node):
         response.success = True
         return response
 
-    def _on_stop_arrival(self, request: StopRecording.Request) -> tuple[_Stop]:
-        """A stop does not wait behind another one: the newest says up to which step, the most urgent how long."""
-        stop = _Stop(request, time.monotonic() + (request.timeout or DEFAULT_STOP_TIMEOUT), self._recording)
-        if _is_allowed(request.timeout):
-            self._stops.append(stop)
-            self._ledger.wake()
+    def _on_stop_arrival(self, request: StopRecording.Request) -> tuple[Stop]:
+        stop = self._stops.arrive(request, self._recording)
+        self._ledger.wake()  # a stop does not wait behind another one
         return (stop,)
 
     def _on_stop(
-        self, request: StopRecording.Request, response: StopRecording.Response, stop: _Stop
+        self, request: StopRecording.Request, response: StopRecording.Response, stop: Stop
     ) -> StopRecording.Response:
-        if not _is_allowed(request.timeout):
-            raise BagError(
-                f"timeout = {request.timeout} s is not allowed; allowed: 0 (for {DEFAULT_STOP_TIMEOUT:g} s) "
-                f"to {LONGEST_STOP_TIMEOUT:g} s"
-            )
+        self._stops.require(stop)
         try:
             if self._stopped is not None and self._stopped[0] is stop.recording:  # by a stop before this one
                 return self._stopped[1]
@@ -219,7 +202,7 @@ class RecorderNode(Node):
             self._stopped = recording, response
             return response
         finally:
-            self._stops.remove(stop)
+            self._stops.answered(stop)
 
     def _nothing_to_stop(self) -> str:
         if namesakes := self._diagnostics.namesakes():
@@ -233,7 +216,7 @@ class RecorderNode(Node):
             self._departures.wait_for_signs()
         died = self._died()
         for node in self._undescribed_nodes():
-            self._describe([node], max(self._time_left(), self._settings.parameter_timeout), for_a_stop=True)
+            self._describe([node], max(self._stops.time_left, self._settings.parameter_timeout), for_a_stop=True)
         self._note_conflicts()
         with self._switching:
             recording.end()
@@ -254,21 +237,17 @@ class RecorderNode(Node):
     def _wait_for_steps(self, recording: BagInProgress) -> Mark | None:
         """Wait up to the step that the newest stop awaits, which is returned; None if it cannot be known."""
         while True:
-            newest = self._stops[-1]
+            newest = self._stops.newest
             awaited = self._awaited(newest.request.wait_for_run, newest.request.wait_for_step)
             if awaited is not None and not recording.failure:
                 self._ledger.wait_for(
                     awaited,
                     self._published,
-                    self._time_left(),
-                    lambda newest=newest: bool(recording.failure) or self._stops[-1] is not newest,  # type: ignore[misc]
+                    self._stops.time_left,
+                    lambda newest=newest: bool(recording.failure) or self._stops.newest is not newest,  # type: ignore[misc]
                 )
-            if self._stops[-1] is newest:
+            if self._stops.newest is newest:
                 return awaited
-
-    def _time_left(self) -> float:
-        """How long the stops that have no answer yet may still wait (s)."""
-        return min(stop.deadline for stop in tuple(self._stops)) - time.monotonic()
 
     def _start(self, uri: str) -> Path:
         """Start a bag.
@@ -453,10 +432,6 @@ class RecorderNode(Node):
         if lacks:
             return diagnostics.WARN, "; ".join(lacks), values
         return diagnostics.OK, "closing the bag" if recording.ended else "recording", values
-
-
-def _is_allowed(timeout: float) -> bool:
-    return 0.0 <= timeout <= LONGEST_STOP_TIMEOUT
 
 
 def main(args: list[str] | None = None) -> int:

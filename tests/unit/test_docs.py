@@ -110,7 +110,7 @@ def test_python_examples_are_python(page: Path) -> None:
 
 
 def test_programs_with_rclpy_end_with_the_wheels_and_wait_for_no_answer_for_ever() -> None:
-    """As docs/how-to/troubleshoot.md tells its readers."""
+    """As docs/how-to/troubleshoot.md advises."""
     programs = [example for page in PAGES for example in _examples(page) if "rclpy.init()" in example]
     assert programs
     for program in programs:
