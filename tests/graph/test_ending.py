@@ -69,6 +69,20 @@ class Leaving(Node):
         Path("finished").touch()
 raise SystemExit(run_node(Leaving))
 """
+CRASHING = """
+import ctypes, os
+from pathlib import Path
+from rclpy.node import Node
+from amb_ros.process import run_node
+class Crashing(Node):
+    def __init__(self):
+        super().__init__("crashing", start_parameter_services=False)
+    def finish(self):
+        Path("finished").touch()
+    def destroy_node(self):
+        {fault}
+raise SystemExit(run_node(Crashing))
+"""
 HELD = """
 from rclpy.node import Node
 from amb_ros.process import run_node
@@ -183,6 +197,15 @@ def test_a_node_that_hangs_while_it_leaves_has_finished_and_ends_with_its_stacks
 ) -> None:
     process = leave_while_others_come_and_go(graph, WITH_FAULT + LEAVING, delayed_discovery)
     assert process.returncode == 0
+    assert "in destroy_node" in process.said
+    assert (graph.folder / "finished").exists()
+
+
+@pytest.mark.parametrize("fault", ["ctypes.string_at(0)", "os.abort()"], ids=["SIGSEGV", "SIGABRT"])
+def test_a_node_whose_middleware_crashes_while_it_leaves_ends_as_one_that_hangs_there(graph: Graph, fault: str) -> None:
+    process = graph.start_command([sys.executable, "-c", CRASHING.format(fault=fault)])
+    graph.wait_until(lambda: "crashing" in graph.node.get_node_names(), "the node")
+    assert graph.stop(process)[0] == 0
     assert "in destroy_node" in process.said
     assert (graph.folder / "finished").exists()
 

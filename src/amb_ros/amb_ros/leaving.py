@@ -2,8 +2,9 @@
 
 The one known cause of a hang is removed by `overflowed_wait`. Limits stand behind it, in case there are others. A hang
 in the middleware holds the GIL, so no limit may depend on Python. A process of the workbench ends in time by a timer of
-the C library, set when its nodes have closed their files. A process of the user is never ended: there the middleware's
-part of a node is destroyed in a thread without the GIL.
+the C library, set when its nodes have closed their files. A crash of the middleware from then on harms nobody, and
+counts as a hang. A process of the user is never ended: there the middleware's part of a node is destroyed in a thread
+without the GIL.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import faulthandler
+import signal
 import threading
 import time
 import warnings
@@ -26,6 +28,7 @@ from amb_core.loop.real_time import leave_real_time
 
 LIMIT = 4.5  # s; an idle machine needs a hundredth of it
 _SIGEV_THREAD = 2  # a timer of this kind calls a function in a new thread
+_CRASHES = (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT)
 
 
 @runtime_checkable
@@ -110,6 +113,8 @@ class _Setting(ctypes.Structure):
 def end_within(limit: float, code: int) -> None:
     """End the process after a time without any help of Python; a second earlier its stacks go to stderr.
 
+    A thread that crashes until then is held where it is, so the process ends with the same code.
+
     Parameters
     ----------
     limit : float
@@ -123,4 +128,6 @@ def end_within(limit: float, code: int) -> None:
     setting = _Setting(first=(int(limit), int(limit % 1 * 1e9)))
     libc.timer_create(time.CLOCK_MONOTONIC, ctypes.byref(event), ctypes.byref(timer))
     libc.timer_settime(timer, 0, ctypes.byref(setting), None)
+    for crash in _CRASHES:
+        libc.signal(crash, ctypes.cast(libc.pause, ctypes.c_void_p))
     faulthandler.dump_traceback_later(limit - 1.0)
