@@ -14,7 +14,7 @@ from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, Se
 from amb_ident_node.ledger import Ledger
 from amb_msgs.msg import BridgeState, Excitation, RegionState, SimulatorState
 from amb_ros import topics
-from amb_ros.namesakes import Namesakes
+from amb_ros.namesakes import PATIENCE, Namesakes
 
 TOPICS = {"telemetry", "plant_state", "region", "simulator/state", "clock"}
 
@@ -299,15 +299,34 @@ def test_a_recording_keeps_the_conflict_of_an_earlier_run():
 
 
 def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_not():
-    now = 0.0
-    namesakes = Namesakes(1.5, lambda: now)
+    namesakes = Namesakes()
     for instance in ("killed", "killed", "started again", "started again"):
         namesakes.note("amb/simulator", instance)
     assert not namesakes.lives_twice("amb/simulator")
     namesakes.note("amb/simulator", "killed")
     assert namesakes.lives_twice("amb/simulator")
-    now = 2.0
+    for _ in range(2 * PATIENCE - 1):
+        assert namesakes.instances("amb/simulator") == ["started again", "killed"]
+        namesakes.note("amb/simulator", "killed")
     assert not namesakes.lives_twice("amb/simulator")
+    assert namesakes.instances("amb/simulator") == ["killed"]
+
+
+def test_two_instances_are_two_however_long_one_is_held_up():
+    namesakes = Namesakes()
+    for _ in range(3):
+        for instance in ("swift", *["slow"] * (PATIENCE - 1)):
+            namesakes.note("amb/recorder", instance)
+    assert namesakes.lives_twice("amb/recorder")
+    assert sorted(namesakes.instances("amb/recorder")) == ["slow", "swift"]
+
+
+def test_of_three_instances_the_one_that_ends_is_forgotten():
+    namesakes = Namesakes()
+    for instance in ("ends", "first", "second") * 2 + ("first", "second") * 2 * PATIENCE:
+        namesakes.note("amb/recorder", instance)
+    assert namesakes.lives_twice("amb/recorder")
+    assert sorted(namesakes.instances("amb/recorder")) == ["first", "second"]
 
 
 def test_what_strangers_send_takes_bounded_memory(monkeypatch: pytest.MonkeyPatch):

@@ -51,7 +51,7 @@ class DiagnosticsReporter:
         self._report = report
         self._exclusive = [node.resolve_topic_name(topic) for topic in exclusive]
         self._instance = f"process {os.getpid()} on {platform.node()}, {uuid.uuid4().hex}"
-        self._namesakes = Namesakes(patience=3.0 * period)
+        self._namesakes = Namesakes()
         self._alarms = AlarmRecord()
         self._conflicts: list[str] = []  # at the last report
         self._publisher = node.create_publisher(DiagnosticArray, TOPIC, 10)
@@ -103,7 +103,7 @@ class DiagnosticsReporter:
         name = self._node.get_fully_qualified_name()
         if not self._namesakes.lives_twice(name.lstrip("/")):
             return ""
-        instances = self._namesakes.instances(name.lstrip("/"))  # at least both that reported in turn
+        instances = self._namesakes.instances(name.lstrip("/"))
         processes = ", ".join(sorted(instance.rpartition(", ")[0] or instance for instance in instances))
         return f"{len(instances)} nodes are named {name}: {processes}; stop all but one"
 
@@ -119,7 +119,7 @@ class DiagnosticsReporter:
     def _on_report(self, array: DiagnosticArray) -> None:
         for status in array.status:
             for item in status.values:
-                if item.key == INSTANCE:
+                if item.key == INSTANCE and item.value != self._instance:  # which was noted when it was sent
                     self._namesakes.note(status.name, item.value)
 
 
