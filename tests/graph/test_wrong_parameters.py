@@ -41,7 +41,10 @@ WRONG_PARAMETERS = [
 def refused(open_graph: Any, tmp_path_factory: Any) -> Iterator[list[NodeProcess]]:
     """The processes that are started with these parameters, all at once."""
     with open_graph(tmp_path_factory.mktemp("refused")) as graph:
-        yield [graph.start(module, parameters=parameters) for module, parameters, _ in WRONG_PARAMETERS]
+        processes = [graph.start(module, parameters=parameters) for module, parameters, _ in WRONG_PARAMETERS]
+        yield processes
+        for process in processes:  # those too that only tests of another worker wait for
+            process.wait_for_end(TIMEOUT)
 
 
 @pytest.mark.parametrize("number", range(len(WRONG_PARAMETERS)), ids=[line for _, _, line in WRONG_PARAMETERS])
