@@ -272,6 +272,7 @@ def test_two_simulators_are_an_error_of_all_concerned_and_named_at_the_end(recor
 def test_two_recorders_are_an_error_of_both_and_neither_claims_that_nothing_is_recorded(recorded: Bearing) -> None:
     run = recorded.reset()
     start_bag(recorded)
+    recorded.diagnostics.clear()  # reports of an earlier rival
     first = recorded.graph.process_of("amb_ident_node.recorder")
     rival = recorded.graph.start("amb_ident_node.recorder")
     text = "2 nodes are named /amb/recorder: process"

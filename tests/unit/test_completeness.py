@@ -312,7 +312,7 @@ def test_two_instances_that_report_in_turn_are_two_nodes_and_a_restarted_one_is_
     assert namesakes.instances("amb/simulator") == ["killed"]
 
 
-def test_two_instances_are_two_however_long_one_is_held_up():
+def test_two_instances_are_two_although_one_reports_less_often():
     namesakes = Namesakes()
     for _ in range(3):
         for instance in ("swift", *["slow"] * (PATIENCE - 1)):

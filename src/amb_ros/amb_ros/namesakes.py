@@ -34,7 +34,7 @@ class Namesakes:
 
     The graph alone does not show it: a killed node stays in the graph for about 20 s beside its replacement. Reports
     show it: if both instances run, the first one reports again after the second. How long one is silent is counted in
-    reports of the others, so it does not matter how slow the machine is.
+    reports of the others, since a slow machine delays those too.
     """
 
     def __init__(self) -> None:
