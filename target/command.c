@@ -106,7 +106,7 @@ static enum amb_code new_reference(const struct amb_target *t, bool landing, con
     double whole[AMB_LIMITS] = {[AMB_ALARM_SHARE] = 1.0, [AMB_TRIP_SHARE] = 1.0};
     bool excited = !landing && t->excitation != AMB_NONE;
     if (!amb_keeps_distance(t, value, landing ? whole : t->limits, false)) return AMB_BAD_VALUE;
-    if (t->state != AMB_OFF && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;
+    if (amb_levitating(t) && t->state != AMB_LEVITATED) return AMB_WRONG_STATE;
     return amb_keeps_distance(t, value, landing ? whole : t->limits, excited) ? AMB_DONE : AMB_BEYOND_LIMIT;
 }
 
@@ -126,21 +126,22 @@ static void use_gains(struct amb_target *t, const double *value) {
 /* All values are checked before the first is used. */
 static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, size_t length) {
     double value[AMB_AXES * AMB_GAINS > AMB_LIMITS ? AMB_AXES * AMB_GAINS : AMB_LIMITS];
-    size_t axes = t->config->axes, count = body[0] == 1 ? axes * AMB_GAINS : body[0] == 4 ? AMB_LIMITS : axes;
-    if (body[0] < 1 || body[0] > 4) return AMB_UNKNOWN;
+    uint64_t kind = amb_get64(body);
+    size_t axes = t->config->axes, count = kind == 1 ? axes * AMB_GAINS : kind == 4 ? AMB_LIMITS : axes;
+    if (kind < 1 || kind > 4) return AMB_UNKNOWN;
     if (length != 8 + 8 * count) return AMB_BAD_LENGTH;
     for (size_t i = 0; i < count; i++) value[i] = amb_get_double(body + 8 + 8 * i);
-    enum amb_code code = body[0] == 1   ? new_gains(t, value)
-                         : body[0] == 4 ? new_limits(t, value)
-                                        : new_reference(t, body[0] == 3, value);
+    enum amb_code code = kind == 1   ? new_gains(t, value)
+                         : kind == 4 ? new_limits(t, value)
+                                        : new_reference(t, kind == 3, value);
     if (code != AMB_DONE) return code;
-    if (body[0] == 1) use_gains(t, value);
-    else if (body[0] == 2 && amb_levitating(t)) {
+    if (kind == 1) use_gains(t, value);
+    else if (kind == 2 && amb_levitating(t)) {
         for (size_t a = 0; a < axes; a++) t->from[a] = t->reference[a] - t->value[a];
         amb_move(t, value, 0.0);
     }
-    double *into = body[0] == 2 ? t->nominal : body[0] == 3 ? t->landing : t->limits;
-    if (body[0] > 1) memcpy(into, value, count * sizeof *value);
+    double *into = kind == 2 ? t->nominal : kind == 3 ? t->landing : t->limits;
+    if (kind > 1) memcpy(into, value, count * sizeof *value);
     return AMB_DONE;
 }
 

@@ -7,17 +7,18 @@ import math
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable
 
 import pytest
 
 from amb_core.loop.control import ControllerParameters
-from amb_core.rig.link import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState
+from amb_core.rig.link import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState, TelemetryBlock
 from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import resummed
 from tests.soak.recovery import recovery
 from tests.target_rig import library, machine
-from tests.unit.test_target_link import KEY, PATIENT, Listener, levitated, why_not_connected
+from tests.unit.test_target_link import KEY, PATIENT, Listener, levitated, settled, why_not_connected
 
 
 def test_a_host_under_attack_commands_again_within_a_second() -> None:
@@ -139,31 +140,94 @@ def test_a_host_that_connects_to_a_levitated_rotor_does_not_move_it(served: Serv
         link.close()
 
 
-def test_what_it_changes_afterwards_is_sent_and_moves_slowly(served: ServedEmulator) -> None:
+def test_what_it_changes_meanwhile_waits_with_the_rest_until_the_rotor_has_landed(served: ServedEmulator) -> None:
     first = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
     description = levitated(first, Listener())
     first.close()
-    link, listener = connected(served, ControllerParameters)
+    link, listener = connected(served, lambda: ControllerParameters(nominal_reference=(0.0, 30e-6)))
     try:
-        moved = ControllerParameters(nominal_reference=(0.0, 40e-6))
-        link.configure(TargetSettings(moved, description.limits, ()))
-        listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 40e-6)
+        link.configure(TargetSettings(ControllerParameters(nominal_reference=(0.0, 20e-6)), description.limits, ()))
+        assert link.settings_wait
+        listener.wait_for_step(link.status().step + 2_000)
+        assert not any(block.reference.any() for block in listener.blocks)
+        link.land(0.0)
+        link.reset_faults()
+        link.levitate(0.01)
+        listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 20e-6)
+        assert not link.settings_wait
+        assert link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED)
+    finally:
+        link.close()
+
+
+def test_what_it_changes_on_a_rotor_of_its_own_is_sent_and_moves_slowly(served: ServedEmulator) -> None:
+    link, listener = AmbUdpLink(port=served.port, key=KEY, float64=True, **PATIENT), Listener()
+    try:
+        description = levitated(link, listener)
+        link.configure(TargetSettings(ControllerParameters(nominal_reference=(0.0, 40e-6)), description.limits, ()))
+        listener.wait_for(lambda: listener.blocks[-1].reference[-1, 1] == 40e-6)
         reference = [row for block in listener.blocks for row in block.reference[:, 1].tolist()]
         assert max(abs(after - before) for before, after in itertools.pairwise(reference)) < 1.01e-6
     finally:
         link.close()
 
 
-def test_its_own_settings_are_sent_before_the_next_levitation(served: ServedEmulator) -> None:
+# -- a target that has tripped
+
+
+def test_a_host_connects_to_a_target_that_has_tripped_and_sets_it(served: ServedEmulator) -> None:
     first = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
     levitated(first, Listener())
+    served.fail(temperature=500.0)
+    settled(first, TargetState.TRIPPED)
     first.close()
+    served.fail()
     link, listener = connected(served, lambda: ControllerParameters(nominal_reference=(0.0, 30e-6)))
     try:
-        link.land(0.0)
         link.reset_faults()
         link.levitate(0.01)
         listener.wait_for(lambda: bool(listener.blocks) and listener.blocks[-1].reference[-1, 1] == 30e-6)
-        assert link.status().state in (TargetState.LEVITATING, TargetState.LEVITATED)
+    finally:
+        link.close()
+
+
+# -- a listener that fails
+
+
+def test_an_error_of_the_listener_is_shown_and_the_target_keeps_its_host(
+    served: ServedEmulator, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Failing(Listener):
+        def on_samples(self, block: TelemetryBlock) -> None:
+            raise RuntimeError("no room")
+
+    link = AmbUdpLink(port=served.port, key=KEY, **PATIENT)
+    levitated(link, Failing())
+    try:
+        assert link.error == "internal error of the link's listener: RuntimeError('no room')"
+        assert [record.message for record in caplog.records] == [link.error]
+        link.land(0.0)
+        assert link.status().state is TargetState.OFF
+    finally:
+        link.close()
+
+
+# -- a reboot into a description that is no machine
+
+
+def test_a_reboot_is_one_although_the_target_is_no_machine_at_first(served: ServedEmulator) -> None:
+    def name_second_axis(name: bytes) -> None:
+        served.do(lambda emulator: setattr(emulator._target._config.axis[1], "name", name))
+
+    link, listener = AmbUdpLink(port=served.port, key=KEY, **PATIENT), Listener()
+    try:
+        levitated(link, listener)
+        name_second_axis(b"x")  # as the first
+        served.do(lambda emulator: emulator.reboot())
+        refused = link.count.refused
+        while link.count.refused == refused:
+            time.sleep(0.01)
+        name_second_axis(b"y")
+        listener.wait_for(lambda: "reboot" in listener.events)
     finally:
         link.close()

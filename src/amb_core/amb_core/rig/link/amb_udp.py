@@ -122,8 +122,9 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
     def configure(self, settings: TargetSettings) -> None:
         """Send controller, limits and references.
 
-        A rotor that is levitated when the host connects stays as it is: nothing is sent until it has landed. Later,
-        only what has changed since then is; a state-space controller in use stays.
+        A rotor that is levitated when the host connects stays as it is: nothing is sent until it has landed, since the
+        host does not know what is in force. On one that this host has levitated, only what has changed is sent; a
+        state-space controller in use stays.
 
         Parameters
         ----------
@@ -158,11 +159,16 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
                     self._command(command)
             if not levitated:
                 self._choose(law, settings)
+            self._sent = wanted
         if by_host and not self._by_sample:
             self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
             self._options |= TelemetryOption.FLOAT64
             self._command(self._stream())
-        self._sent = wanted
+
+    @property
+    def settings_wait(self) -> bool:
+        """Whether the target keeps settings of before, until a rotor that was levitated already has landed."""
+        return self._waiting_settings is not None
 
     def _choose(self, law: KnownController, settings: TargetSettings) -> None:
         """Choose who sets the currents; a rotor that is not levitated has all settings then."""

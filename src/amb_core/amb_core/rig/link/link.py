@@ -172,6 +172,9 @@ class TargetLink(ABC):
     count: LinkCount
     """What the link has counted since it was connected."""
 
+    error: str = ""
+    """The latest error of the listener, which ended nothing; empty if there was none."""
+
     @abstractmethod
     def connect(self, listener: LinkListener) -> TargetDescription:
         """Find the target and start its telemetry.
@@ -202,6 +205,11 @@ class TargetLink(ABC):
         settings : TargetSettings
             Controller, limits and references of the machine.
         """
+
+    @property
+    def settings_wait(self) -> bool:
+        """Whether settings wait until the rotor has landed; the next `configure` or `levitate` then sends them."""
+        return False
 
     @abstractmethod
     def levitate(self, seconds: float) -> None:

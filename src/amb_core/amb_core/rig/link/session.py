@@ -7,12 +7,13 @@ silence.
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import threading
 import time
 from collections.abc import Callable
 
-from amb_core.ground.errors import AmbError, TargetError
+from amb_core.ground.errors import AmbError, TargetError, bounded
 from amb_core.rig.link import commands
 from amb_core.rig.link.answers import Answer, Reply, TargetStatus, TelemetryBlock, decode
 from amb_core.rig.link.commands import Command, CommandWriter
@@ -31,6 +32,8 @@ UNREAD = 10.0  # times longer that silence must last while frames of anybody wai
 UNSEALED = 0.25  # s without a sealed reply after which it is asked for its boot and counter; all else can be forged
 STREAM_TIMEOUT = 0.25  # s without samples after which telemetry is asked for again
 CLOCK_PERIOD = 2.0  # s
+
+logger = logging.getLogger(__name__)
 
 
 class AmbUdpSession:
@@ -60,6 +63,7 @@ class AmbUdpSession:
         self._known: TargetDescription
         self._by_sample = False  # a frame of telemetry for every sample, since the host closes the loop
         self.count = LinkCount()
+        self.error = ""
         self._wire: Wire | None = None  # until it connects
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
@@ -106,15 +110,23 @@ class AmbUdpSession:
 
     def _run(self) -> None:
         self._starting()
-        try:
-            while not self._closing.is_set():
+        while not self._closing.is_set():
+            try:
                 datagram = self._receive()
                 now = time.monotonic()
                 if datagram is not None:
                     self._take(decode(datagram, self._session), now)
                 self._keep_up(now, datagram is None)
-        finally:
-            self._silent = True  # also after an error of the listener: commands end at once
+            except Exception as error:  # of the listener; the target needs its heartbeats, and commands their replies
+                self._note_error(error)
+        self._silent = True  # commands end at once
+
+    def _note_error(self, error: Exception) -> None:
+        """Keep an error of the listener, and show it where it is another one than before."""
+        text = bounded(f"internal error of the link's listener: {error!r}")
+        if text != self.error:
+            self.error = text
+            logger.error(text, exc_info=error)
 
     def _take(self, answer: Answer | Refusal, now: float) -> None:
         if isinstance(answer, Refusal):
@@ -227,13 +239,13 @@ class AmbUdpSession:
     def _begin_session(self) -> TargetDescription:
         pages = self._search.complete
         assert pages is not None
-        page = pages[0]
+        page, machine = pages[0], machine_of(pages)
         self._session = page.session(self._key)
         self._writer = CommandWriter(self._session, page.counter)
         self._order, self._excited, self._clock = InOrder(self._wait, self.count.samples), False, None
         version = ".".join(map(str, page.firmware_version))
         room = page.waveform_bytes // (8 * page.axes)
-        self._known = TargetDescription(machine_of(pages), page.limits, f"{page.firmware} {version}", room, page.nonce)
+        self._known = TargetDescription(machine, page.limits, f"{page.firmware} {version}", room, page.nonce)
         self._sent, self._known_step, self._answered = None, 0, 0
         return self._known
 

@@ -43,6 +43,7 @@ def wrong_commands(target: Exchange) -> tuple[tuple[str, Command, tuple[Code, ..
         ("DELEVITATE in 1 s while off", commands.delevitate(1.0), (Code.WRONG_STATE,)),
         ("DELEVITATE at once while off", commands.delevitate(0.0), (Code.DONE,)),
         ("PARAMETERS of an unknown kind", parameters(9, none), (Code.UNKNOWN,)),
+        ("PARAMETERS of a kind beyond a byte", parameters(257, gains * axes), (Code.UNKNOWN,)),
         ("PARAMETERS of a wrong length", parameters(2, none + bytes(8)), (Code.BAD_LENGTH,)),
         ("a nominal reference of NaN", parameters(2, nan), (Code.BAD_VALUE,)),
         ("a nominal reference beyond the alarm", parameters(2, far), (Code.BAD_VALUE,)),
