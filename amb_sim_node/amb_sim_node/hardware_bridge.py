@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import replace
 from functools import partial
+from threading import Lock
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
@@ -43,9 +44,11 @@ from amb_sim_node.rig_host_loop import HostLoop
 from amb_sim_node.rig_link import controller_of, link_of, require_host_loop
 from amb_sim_node.rig_losses import RecentLosses
 from amb_sim_node.rig_state import RigState, report
-from amb_sim_node.rig_watch import Reactions, RigWatch
+from amb_sim_node.rig_watch import OFF, Reactions, RigWatch
 
 STATE_PERIOD = 0.1  # s between messages on the state, and without samples until a partial block is published
+SETTINGS_WAIT = "the target keeps the settings that it had until the rotor has landed"
+STANDS_STILL = "the target answers, but makes no control steps: nothing holds the rotor; switch the amplifiers off"
 PATIENCE = 5.0  # s in addition to its duration for a levitation or a landing
 
 
@@ -79,6 +82,7 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
+        self._lifting = Lock()  # held while the target is told to levitate: nobody does once it is called off
         self._losses = RecentLosses()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
@@ -134,18 +138,20 @@ class HardwareBridgeNode(ManagedNode):
             machine, wanted = description.machine, self._wanted(description)
             link.configure(wanted)
             protection = self._protection(description, wanted)
+            levitated = _is_up(link.status())
+            runs = self._watch.begin(description, settings.telemetry_block, settings.signals_rate)
         except Exception:
             link.close()
+            self._watch.end()
             raise
         self._link, self._unsent = link, ""
-        runs = self._watch.begin(description, settings.telemetry_block, settings.signals_rate)
         self._state.publish_machine(machine)
         self._ready = Rig(link, machine, runs, protection, guard)
         self.get_logger().info(
             f"machine {machine.name!r}, axes {', '.join(machine.axis_names)}, {machine.sample_rate:g} Hz, firmware "
             f"{description.firmware}"
         )
-        if self._levitated(link.status()):
+        if levitated:
             self.get_logger().info("the rotor is levitated: the target keeps its settings until it has landed")
         self._note_state()
 
@@ -165,38 +171,60 @@ class HardwareBridgeNode(ManagedNode):
             self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
             self._wait_for((TargetState.OFF,), self._settings.landing_time, self._require_wanted)
+            if link.settings_wait:
+                self._send(link)
             self._rehearse()
             seconds = self._settings.levitation_time if self._host_loop is None else 0.0  # the reference is the host's
-            self._require_wanted()
-            link.levitate(seconds)
+            with self._lifting:
+                self._require_wanted()
+                link.levitate(seconds)
             try:
                 self._wait_for((TargetState.LEVITATED,), seconds, self._require_wanted)
                 self._wait_for_run()
-            except AmbError:
-                self._land(link)  # a node that is not active must not leave a rotor up that it has levitated
+            except AmbError as problem:
+                self._give_up(link, problem)
                 raise
         self._wait_for_run()
         self._excitable = True
         self._note_state()
 
     def deactivate(self) -> None:
-        """Stop the excitation and land; nothing to do if protection has switched off."""
-        self._excitable = False
+        """Stop the excitation and land; nothing to do if protection has switched off.
+
+        Raises
+        ------
+        TargetError
+            If the target cannot be reached, or does not land: the rotor may be up.
+        """
+        excitable, self._excitable = self._excitable, False
         if self._excitation is not None:
             self._excitation.call_off()
         link = self._connected()
-        self._land(link)
-        if self._watch.reachable:
-            self._wait_for((TargetState.OFF, TargetState.TRIPPED), self._settings.landing_time)
+        try:
+            self._land(link)
+            self._wait_for(OFF, self._settings.landing_time)
+        except AmbError:
+            self._excitable = excitable
+            raise
+        if link.settings_wait:
+            self._send_settings()
         self._note_state()
 
-    def _land(self, link: TargetLink) -> None:
-        if self._watch.reachable and self._levitated(link.status()):
-            link.land(self._settings.landing_time)
+    def holds_on(self) -> bool:
+        """Whether the rotor is up, so that there is something to land although the node is not active."""
+        status = self._watch.status
+        return self._link is not None and status is not None and status.state not in OFF
 
-    @staticmethod
-    def _levitated(status: TargetStatus) -> bool:
-        return status.state in (TargetState.LEVITATING, TargetState.LEVITATED)
+    def _give_up(self, link: TargetLink, problem: AmbError) -> None:
+        """Land a rotor whose levitation has failed: a node that is not active must not leave it up."""
+        try:
+            self._land(link)
+        except TargetError as failure:
+            raise TargetError(f"{one_line(problem)}; the rotor could not be landed: {one_line(failure)}") from problem
+
+    def _land(self, link: TargetLink) -> None:
+        if _is_up(link.status()):
+            link.land(self._settings.landing_time)
 
     def clean_up(self) -> None:
         """Leave the target as it is."""
@@ -264,9 +292,9 @@ class HardwareBridgeNode(ManagedNode):
         late = self._deadline(PATIENCE)
         while (runs := self._watch.runs) is None or not runs.levitated:
             self._require_wanted()
-            if self._watch.status is None or late(self._watch.status):
+            if late(self._connected().status()):
                 raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
-            time.sleep(0.002)
+            time.sleep(0.01)
 
     def _wait_for(
         self, states: tuple[TargetState, ...], duration: float, require: Callable[[], None] = lambda: None
@@ -288,12 +316,17 @@ class HardwareBridgeNode(ManagedNode):
             time.sleep(0.01)
 
     def _deadline(self, duration: float) -> Callable[[TargetStatus], bool]:
-        """Whether a time (s) has passed by the clock of the target, which is slow on a busy host if it is emulated."""
+        """Whether a time (s) has passed by the clock of the target, which is slow on a busy host if it is emulated.
+
+        What it returns raises TargetError if that clock stands still.
+        """
         assert self._watch.machine is not None  # since it is configured
         status = self._watch.status or self._connected().status()
         steps, first = duration * self._watch.machine.sample_rate, status.step
 
         def passed(status: TargetStatus) -> bool:
+            if self._watch.standing:
+                raise TargetError(STANDS_STILL)
             return not first <= status.step <= first + steps  # a reboot begins anew
 
         return passed
@@ -305,8 +338,15 @@ class HardwareBridgeNode(ManagedNode):
             self._excitation.end(step)
 
     def _on_switched_off(self) -> None:
-        self._excitable = False
-        self.fall_back()
+        """By a trip, by its own landing or by somebody beside it; also at the end of every landing of ours."""
+        self.worker.submit(self._leave_active)
+
+    def _leave_active(self) -> None:
+        """In the worker: a later levitation may have begun meanwhile."""
+        status = self._watch.status
+        if status is not None and status.state in OFF and self.state_label == "active":
+            self.get_logger().warning("the target has switched off")
+            self._fall_back()
 
     def _on_rebooted(self) -> None:
         self._unsent = "the target has not got its settings since its reboot"
@@ -356,7 +396,8 @@ class HardwareBridgeNode(ManagedNode):
         self.get_logger().warning("off: asked for")
         self.called_off.set()
         self._excitable = False
-        link.land(0.0)
+        with self._lifting:
+            link.land(0.0)
         self.fall_back()
         response.success = True
         return response
@@ -366,7 +407,7 @@ class HardwareBridgeNode(ManagedNode):
         self._note_state()
 
     def _note_state(self) -> None:
-        self._state.publish(self._link, self._unsent, self.problem, self.refusal)
+        self._state.publish(self._link, *self._problems(), self.problem, self.refusal)
 
     def report_transition(self) -> None:
         """Publish the state: its `problem` is why a transition failed or was refused."""
@@ -391,19 +432,32 @@ class HardwareBridgeNode(ManagedNode):
 
     def _report(self) -> diagnostics.Report:
         known, settings = self._watch.known, self._settings
-        limits = settings.protection.lowered(known.limits, settings.current_limit) if known is not None else None
-        problem = self._watch.latched() or self._unsent or self._failure()
+        waits = self._link is not None and self._link.settings_wait
+        limits = None
+        if known is not None and not waits:
+            limits = settings.protection.lowered(known.limits, settings.current_limit)
+        problem = "; ".join(filter(None, self._problems())) or self._failure()
         refused = "" if self._host_loop is None else self._host_loop.problem
-        warning = "; ".join(filter(None, (self._losses.text(self._link), refused)))
+        warning = "; ".join(filter(None, (self._losses.text(self._link), refused, SETTINGS_WAIT * waits)))
         return report(self.state_label, self._watch, self._link, limits, problem, warning)
+
+    def _problems(self) -> tuple[str, ...]:
+        """What is wrong now, as far as it is not a transition."""
+        error = self._link.error if self._link is not None else ""
+        return self._watch.latched(), STANDS_STILL * self._watch.standing, self._unsent, error
 
     def _failure(self) -> str:
         """Why the last transition failed: shown as an event, but as long as the rotor is up nevertheless."""
         if self.problem != self.failure.last:  # another one has been done since, or the faults are reset
             return ""
         status = self._watch.status
-        up = status is not None and status.state not in (TargetState.OFF, TargetState.TRIPPED)
+        up = status is not None and status.state not in OFF
         return self.problem if up else self.failure.text
+
+
+def _is_up(status: TargetStatus) -> bool:
+    """Whether the rotor is levitated and not about to land."""
+    return status.state in (TargetState.LEVITATING, TargetState.LEVITATED)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,6 +6,7 @@ One that ends before its last step, by the bridge or by the target, gets a secon
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 import traceback
@@ -156,6 +157,10 @@ class RigExcitation:
         with self._lock:
             self._applied = _Applied(identity_of(message, first_step), rig.runs, message.run, message.id, stop)
             self._answers.accept(status, first_step, checked.steps)
+        with contextlib.suppress(TargetError):
+            now = rig.link.status()
+            if checked.steps and now.excitation not in (ExcitationPhase.ARMED, ExcitationPhase.PLAYING):
+                self.end(now.step)  # it has ended before its answer, by a trip for example
 
     def _play(self, rig: Rig, message: Excitation, checked: Checked, called_off: Callable[[], bool]) -> int:
         """Bring it to the target and arm it. The step of the run at which it begins."""

@@ -60,7 +60,7 @@ class RigState:
             if link is not None:
                 samples = link.count.samples
                 message.lost, message.doubled, message.reordered = samples.lost, samples.doubled, samples.reordered
-            message.problem = "; ".join(dict.fromkeys(filter(None, (watch.latched(), *problems))))
+            message.problem = "; ".join(dict.fromkeys(filter(None, problems)))
             message.sequence += 1
             message.header.stamp = self._wall_clock.now().to_msg()
             self._publisher.publish(message)
@@ -84,7 +84,7 @@ def report(
             "clock of the target (ppm)": _shown(count.clock_drift),
         }
     if watch.known is not None:
-        values |= {"firmware": watch.known.firmware, "limits in force": str(limits)}
+        values |= {"firmware": watch.known.firmware, "limits in force": str(limits or "those that the target had")}
     if runs is not None:
         values |= {"run": runs.run, "step": runs.next_step}
     if status is not None:

@@ -6,6 +6,7 @@ Telemetry and trips are published from here. What concerns the life cycle is pas
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 import threading
 import time
@@ -13,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import dataclass
+from typing import ParamSpec
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -39,12 +41,30 @@ from amb_ros.qos import EVERY_STATE, HISTORY
 from amb_ros.signals import AxisSignalPublishers
 from amb_sim_node.rig_host_loop import HostLoop
 
+OFF = (TargetState.OFF, TargetState.TRIPPED)
+STANDING = 1.0  # s without a control step, although the target answers
 PATIENCE = 10.0  # s for which a reset waits until the target's record of a trip has been read
 AGAIN, ATTEMPTS = (
     0.5,
     10,
 )  # s after which what a target keeps is asked for again, since the link may be back, and how often
+P = ParamSpec("P")
 _PLAYS = (ExcitationPhase.ARMED, ExcitationPhase.PLAYING)
+
+
+def _until_shut_down(method: Callable[P, None]) -> Callable[P, None]:
+    """Let a method of the listener publish while another thread shuts the context down: then it fails, at any point."""
+
+    @functools.wraps(method)
+    def run(*args: P.args, **named: P.kwargs) -> None:
+        try:
+            method(*args, **named)
+        except RuntimeError:
+            watch = args[0]
+            if watch._node.context.ok():  # type: ignore[attr-defined]
+                raise
+
+    return run
 
 
 @dataclass(frozen=True)
@@ -58,7 +78,7 @@ class Reactions:
     stopped : callable
         The target plays its excitation no longer, or will not play it; called with its step.
     switched_off : callable
-        The target has switched off by itself.
+        The currents are off, by whatever.
     rebooted : callable
         The target has forgotten its settings.
     link : callable
@@ -98,6 +118,8 @@ class RigWatch:
         The latest one.
     reachable : bool
         Whether the target answers.
+    standing : bool
+        Whether it answers, but makes no control steps: then nothing holds a rotor.
     """
 
     def __init__(self, node: Node, reactions: Reactions, host_loop: HostLoop | None = None) -> None:
@@ -107,7 +129,8 @@ class RigWatch:
         self.machine: Machine | None = None
         self.runs: Runs | None = None
         self.status: TargetStatus | None = None
-        self.reachable = False
+        self.reachable = self.standing = False
+        self._stepped = time.monotonic()  # when its step was another one for the first time
         self._trips = TripLog()
         self._own_trips: list[Trip] = []  # latched by the bridge itself
         self._run = 0
@@ -141,7 +164,7 @@ class RigWatch:
         """The bridge has left the target."""
         with self.lock:
             self._publish(self.runs.end() if self.runs is not None else [])
-            self.runs, self.status, self.reachable = None, None, False
+            self.runs, self.status, self.reachable, self.standing = None, None, False, False
 
     def flush(self) -> None:
         """Publish a partial block if no sample has come since the last call, and trips that have waited for samples."""
@@ -178,6 +201,7 @@ class RigWatch:
 
     # -- the link, in its thread
 
+    @_until_shut_down
     def on_samples(self, block: TelemetryBlock) -> None:
         """Publish what has arrived, and the trips up to there."""
         with self.lock:
@@ -192,27 +216,34 @@ class RigWatch:
         if changed:
             self._reactions.changed()
 
+    @_until_shut_down
     def on_status(self, status: TargetStatus) -> None:
         """Note the state of the target and new trips."""
+        now = time.monotonic()
         with self.lock:
             former, self.status, self.reachable = self.status, status, True
-            tripped = self._trips.note(status, time.monotonic())
+            if former is None or former.step != status.step:
+                self._stepped = now
+            self.standing = now - self._stepped > STANDING
+            tripped = self._trips.note(status, now)
         if former is not None and former.excitation in _PLAYS and status.excitation not in _PLAYS:
             self._reactions.stopped(status.step)
         self._publish_trips()
         if former is None or tripped or (former.state, former.excitation) != (status.state, status.excitation):
             self._reactions.changed()
-        if tripped and status.state is TargetState.TRIPPED:
+        if former is not None and former.state not in OFF and status.state in OFF:
             self._reactions.switched_off()
 
+    @_until_shut_down
     def on_silence(self) -> None:
         """The target does not answer: latched, since nobody knows what the rotor does."""
-        self.reachable = False
+        self.reachable = self.standing = False
         self._trip_by_itself(BridgeTrip.LINK_LOST)
 
+    @_until_shut_down
     def on_return(self, description: TargetDescription, rebooted: bool) -> None:
         """The target answers again. A reboot ends the run; what the target has forgotten is sent again."""
-        self.reachable = True
+        self.reachable, self._stepped = True, time.monotonic()
         if not rebooted:
             self._reactions.changed()
             return

@@ -26,11 +26,18 @@ def write_example(folder: Path) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
     (example,) = [block for block in blocks if "class VendorLink" in block]
     (folder / "vendor_link.py").write_text(example)
-    installed = folder / "vendor_link-1.0.dist-info"
+    offers = re.findall(r'^\[project.entry-points."amb.links"\]\n(vendor) = "(.*)"$', PAGE.read_text(), re.MULTILINE)
+    ((kind, place),) = offers
+    offer_link(folder, kind, place)
+
+
+def offer_link(folder: Path, kind: str, place: str) -> None:
+    """Offer a class in a folder as link of a kind, as the package that it would be in."""
+    name = place.partition(":")[0]
+    installed = folder / f"{name}-1.0.dist-info"
     installed.mkdir()
-    (installed / "METADATA").write_text("Metadata-Version: 2.1\nName: vendor_link\nVersion: 1.0\n")
-    (offer,) = re.findall(r'^\[project.entry-points."amb.links"\]\n(vendor = ".*")$', PAGE.read_text(), re.MULTILINE)
-    (installed / "entry_points.txt").write_text(f"[amb.links]\n{offer.replace(chr(34), '')}\n")
+    (installed / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (installed / "entry_points.txt").write_text(f"[amb.links]\n{kind} = {place}\n")
 
 
 @pytest.fixture

@@ -77,6 +77,10 @@ class ManagedNode(LifecycleNode):
     def clean_up(self) -> None:
         """From inactive to unconfigured, and at shutdown."""
 
+    def holds_on(self) -> bool:
+        """Whether a node that is not active has something to deactivate nevertheless, such as a rotor that is up."""
+        return False
+
     def report_transition(self) -> None:
         """Publish `problem` and `refusal`, before the caller of a transition gets its answer, which has no text."""
 
@@ -140,13 +144,15 @@ class ManagedNode(LifecycleNode):
             "cleanup": self.trigger_cleanup,
             SHUTDOWN: self.trigger_shutdown,
         }
+        name = bounded(_name_of(asked), LONGEST_LABEL)
         called_off, self._has_called_off = self._has_called_off, False
-        if called_off and _name_of(asked) in (DEACTIVATE, SHUTDOWN):
-            self._done(DEACTIVATE, self.deactivate)
-            if _name_of(asked) == DEACTIVATE:
-                return True
+        holds_on = name == DEACTIVATE and DEACTIVATE not in allowed and self.holds_on()
+        if holds_on or (called_off and name in (DEACTIVATE, SHUTDOWN)):  # by a node that is not active
+            done = self._done(DEACTIVATE, self.deactivate)
+            if name == DEACTIVATE:
+                self.refusal = ""
+                return bool(done == TransitionCallbackReturn.SUCCESS)
         if label not in allowed or label not in triggers:
-            name = bounded(_name_of(asked), LONGEST_LABEL)
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
             self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
             self.get_logger().error(self.refusal)
@@ -186,9 +192,8 @@ class ManagedNode(LifecycleNode):
         return done
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate. What fails is kept as the problem; the node is inactive in every case."""
-        self._done(DEACTIVATE, self.deactivate)
-        return TransitionCallbackReturn.SUCCESS
+        """Deactivate; a failure leaves the node active, so that it can be asked again."""
+        return self._done(DEACTIVATE, self.deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up."""
