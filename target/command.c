@@ -131,9 +131,8 @@ static enum amb_code set_parameters(struct amb_target *t, const uint8_t *body, s
     if (kind < 1 || kind > 4) return AMB_UNKNOWN;
     if (length != 8 + 8 * count) return AMB_BAD_LENGTH;
     for (size_t i = 0; i < count; i++) value[i] = amb_get_double(body + 8 + 8 * i);
-    enum amb_code code = kind == 1   ? new_gains(t, value)
-                         : kind == 4 ? new_limits(t, value)
-                                        : new_reference(t, kind == 3, value);
+    enum amb_code code = kind == 1 ? new_gains(t, value) : kind == 4 ? new_limits(t, value)
+                                                                     : new_reference(t, kind == 3, value);
     if (code != AMB_DONE) return code;
     if (kind == 1) use_gains(t, value);
     else if (kind == 2 && amb_levitating(t)) {
