@@ -7,8 +7,6 @@ machine and telemetry, and takes excitations, as simulator and controller do tog
 from __future__ import annotations
 
 import sys
-import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures import TimeoutError as NotInTime
 from dataclasses import replace
@@ -44,12 +42,11 @@ from amb_sim_node.rig_host_loop import HostLoop
 from amb_sim_node.rig_link import controller_of, link_of, require_host_loop
 from amb_sim_node.rig_losses import RecentLosses
 from amb_sim_node.rig_state import RigState, report
+from amb_sim_node.rig_waits import PATIENCE, STANDS_STILL, RigWaits
 from amb_sim_node.rig_watch import OFF, Reactions, RigWatch
 
 STATE_PERIOD = 0.1  # s between messages on the state, and without samples until a partial block is published
 SETTINGS_WAIT = "the target keeps the settings that it had until the rotor has landed"
-STANDS_STILL = "the target answers, but makes no control steps: nothing holds the rotor; switch the amplifiers off"
-PATIENCE = 5.0  # s in addition to its duration for a levitation or a landing
 
 
 class HardwareBridgeNode(ManagedNode):
@@ -95,6 +92,7 @@ class HardwareBridgeNode(ManagedNode):
             self._note_state, self._on_stopped, self._on_switched_off, self._on_rebooted, self._connected
         )
         self._watch = RigWatch(self, reactions, self._host_loop)
+        self._waits = RigWaits(self._watch, self._connected)
         self._state = RigState(self, self._watch)
         create_service(self, Trigger, "~/reset_faults", self._on_reset_faults, self.worker)
         self._at_once = ThreadPoolExecutor(1, thread_name_prefix="off")  # does not wait for a transition
@@ -170,7 +168,7 @@ class HardwareBridgeNode(ManagedNode):
         if self._unsent:
             self._send(link)
         if status.state in (TargetState.OFF, TargetState.LANDING):
-            self._wait_for((TargetState.OFF,), self._settings.landing_time, self._require_wanted)
+            self._waits.for_state((TargetState.OFF,), self._settings.landing_time, self._require_wanted)
             if link.settings_wait:
                 self._send(link)
             self._rehearse()
@@ -179,12 +177,12 @@ class HardwareBridgeNode(ManagedNode):
                 self._require_wanted()
                 link.levitate(seconds)
             try:
-                self._wait_for((TargetState.LEVITATED,), seconds, self._require_wanted)
-                self._wait_for_run()
+                self._waits.for_state((TargetState.LEVITATED,), seconds, self._require_wanted)
+                self._waits.for_run(self._require_wanted)
             except AmbError as problem:
                 self._give_up(link, problem)
                 raise
-        self._wait_for_run()
+        self._waits.for_run(self._require_wanted)
         self._excitable = True
         self._note_state()
 
@@ -202,7 +200,7 @@ class HardwareBridgeNode(ManagedNode):
         link = self._connected()
         try:
             self._land(link)
-            self._wait_for(OFF, self._settings.landing_time)
+            self._waits.for_state(OFF, self._settings.landing_time)
         except AmbError:
             self._excitable = excitable
             raise
@@ -286,50 +284,6 @@ class HardwareBridgeNode(ManagedNode):
         return ExcitationProtection(
             self._settings.protection, wanted.limits, description.machine, description.waveform_steps
         )
-
-    def _wait_for_run(self) -> None:
-        """Wait until telemetry of the levitated rotor arrives: the run has begun."""
-        late = self._deadline(PATIENCE)
-        while (runs := self._watch.runs) is None or not runs.levitated:
-            self._require_wanted()
-            if late(self._connected().status()):
-                raise TargetError(f"the rotor is levitated, but no telemetry arrives within {PATIENCE:g} s")
-            time.sleep(0.01)
-
-    def _wait_for(
-        self, states: tuple[TargetState, ...], duration: float, require: Callable[[], None] = lambda: None
-    ) -> None:
-        """Wait until the target is in one of some states, as long as what is required holds.
-
-        Raises
-        ------
-        TargetError
-            If it trips instead, or takes much longer than it should (s).
-        """
-        late = self._deadline(duration + PATIENCE)
-        while (status := self._connected().status()).state not in states:
-            if status.state is TargetState.TRIPPED:
-                raise TargetError(self._watch.latched() or "the target has tripped")
-            require()
-            if late(status):
-                raise TargetError(f"the target is still {status.state.name.lower()} after {duration + PATIENCE:g} s")
-            time.sleep(0.01)
-
-    def _deadline(self, duration: float) -> Callable[[TargetStatus], bool]:
-        """Whether a time (s) has passed by the clock of the target, which is slow on a busy host if it is emulated.
-
-        What it returns raises TargetError if that clock stands still.
-        """
-        assert self._watch.machine is not None  # since it is configured
-        status = self._watch.status or self._connected().status()
-        steps, first = duration * self._watch.machine.sample_rate, status.step
-
-        def passed(status: TargetStatus) -> bool:
-            if self._watch.standing:
-                raise TargetError(STANDS_STILL)
-            return not first <= status.step <= first + steps  # a reboot begins anew
-
-        return passed
 
     # -- news of the rig, in the thread of the link
 

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
 from amb_msgs.msg import BridgeState
-from amb_sim_node.hardware_bridge import STANDS_STILL
+from amb_sim_node.rig_waits import STANDS_STILL
 from tests.graph.conftest import Graph
 from tests.graph.rig import Rig
 from tests.unit.test_link_example import offer_link, write_example
