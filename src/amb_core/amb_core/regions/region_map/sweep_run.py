@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 from amb_core.excitation import Sweep, generate
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import flatten, part_of
-from amb_core.ground.tasks.provenance import code_version
-from amb_core.ground.tasks.task import Task
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.data_files import file_checksums
+from amb_core.plant.loop_task import LoopTask
 from amb_core.plant.simulation import simulate
 from amb_core.regions import Classification, RegionParameters, classify
 from amb_core.regions.region_map.map_sweep import Boundary, MapSweep, sweep_from_json, sweep_to_json
 
 
 @dataclass(frozen=True)
-class SweepTask(Task[MapSweep]):
+class SweepTask(LoopTask[MapSweep]):
     """Everything that determines the result of one sweep.
 
     Attributes
@@ -42,7 +40,7 @@ class SweepTask(Task[MapSweep]):
     regions: RegionParameters
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
+        super().__post_init__()
         regions = self.regions.model_dump()
         regions["running_speed"] = regions["running_speed"] or self.plant.rotor.running_speed
         object.__setattr__(self, "regions", part_of(RegionParameters, regions))
@@ -52,15 +50,8 @@ class SweepTask(Task[MapSweep]):
 
     def describe(self) -> dict[str, Any]:
         """What determines the result, as plain JSON values: parameters, files they name, version of the code."""
-        return {
-            "sweep": self.sweep.model_dump(),
-            "rest": self.rest,
-            "plant": self.plant.model_dump(mode="json"),
-            "controller": self.controller.model_dump(mode="json"),
-            "regions": self.regions.model_dump(),
-            "files": file_checksums(self.plant),
-            "code": code_version(),
-        }
+        own = {"sweep": self.sweep.model_dump(), "rest": self.rest, "regions": self.regions.model_dump()}
+        return super().describe() | own
 
     def run(self) -> MapSweep:
         """Simulate and classify the sweep; see `run_sweep`."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from amb_core.ground.parameters import part_of
-from amb_core.ground.tasks.provenance import code_version
-from amb_core.ground.tasks.task import Task
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
-from amb_core.plant.data_files import file_checksums
+from amb_core.plant.loop_task import LoopTask
 from amb_core.regions.subharmonics.results import State, SubharmonicSpectrum
 from amb_core.regions.subharmonics.run import run_subharmonics
 from amb_core.regions.subharmonics.settings import SubharmonicSettings
@@ -40,7 +37,7 @@ class SurfacePoint:
 
 
 @dataclass(frozen=True)
-class PointTask(Task[SurfacePoint]):
+class PointTask(LoopTask[SurfacePoint]):
     """Everything that determines one point.
 
     Attributes
@@ -55,19 +52,9 @@ class PointTask(Task[SurfacePoint]):
     controller: ControllerParameters
     test: SubharmonicSettings
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "plant", part_of(PlantParameters, self.plant.model_dump()))
-        object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
-
     def describe(self) -> dict[str, Any]:
         """Parameters, files they name, version of the code."""
-        return {
-            "test": self.test.model_dump(),
-            "plant": self.plant.model_dump(mode="json"),
-            "controller": self.controller.model_dump(mode="json"),
-            "files": file_checksums(self.plant),
-            "code": code_version(),
-        }
+        return super().describe() | {"test": self.test.model_dump()}
 
     def run(self) -> SurfacePoint:
         """Simulate and analyse the test; errors are those of `run_subharmonics`."""

@@ -8,20 +8,17 @@ from typing import Any
 from amb_core.data.experiments.checks import highest_excited_order
 from amb_core.excitation import generate
 from amb_core.ground.errors import IdentificationError, PlantError
-from amb_core.ground.parameters import part_of
-from amb_core.ground.tasks.provenance import code_version
-from amb_core.ground.tasks.task import Task
 from amb_core.identification import IdentificationData, identify
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.data_files import file_checksums
+from amb_core.plant.loop_task import LoopTask
 from amb_core.plant.simulation import simulate
 from amb_core.rig.running_speeds.settings import SpeedSettings
 
 
 @dataclass(frozen=True)
-class SpeedTask(Task[StateSpaceModel]):
+class SpeedTask(LoopTask[StateSpaceModel]):
     """Everything that determines the model of one running speed.
 
     Attributes
@@ -38,10 +35,6 @@ class SpeedTask(Task[StateSpaceModel]):
     plant: PlantParameters
     controller: ControllerParameters
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "plant", part_of(PlantParameters, self.plant.model_dump()))
-        object.__setattr__(self, "controller", part_of(ControllerParameters, self.controller.model_dump()))
-
     def describe(self) -> dict[str, Any]:
         """What determines the result, as plain JSON values: parameters, files they name, version of the code.
 
@@ -50,13 +43,7 @@ class SpeedTask(Task[StateSpaceModel]):
         dict of str to object
             JSON values by name.
         """
-        return {
-            "settings": self.settings.model_dump(),
-            "plant": self.plant.model_dump(mode="json"),
-            "controller": self.controller.model_dump(mode="json"),
-            "files": file_checksums(self.plant),
-            "code": code_version(),
-        }
+        return super().describe() | {"settings": self.settings.model_dump()}
 
     def run(self) -> StateSpaceModel:
         """Simulate the experiment and identify a model; see `run_speed`.
