@@ -136,6 +136,26 @@ def test_the_versions_that_pip_may_take_begin_at_those_of_a_stock_jazzy_and_allo
         assert oldest[name].split(".")[: floor.count(".") + 1] == floor.split(".")
 
 
+def test_what_the_packages_for_a_stock_jazzy_require_is_with_them_or_from_apt() -> None:
+    """Of those that are installed here in that version: all of them under `make floor`."""
+    normal = LICENCES["normal"]
+    files = [ROOT / "scripts" / f"stock-jazzy-{source}.txt" for source in ("pip", "apt")]
+    from_pypi, from_apt = (LICENCES["pins"](file) for file in files)
+    there = {name: version for name, version in from_pypi.items() if _installed(name) == version}
+    assert there
+    for name in there:
+        for needed in map(Requirement, importlib.metadata.requires(name) or []):
+            if needed.marker is None or needed.marker.evaluate({"extra": ""}):
+                assert normal(needed.name) in from_pypi | from_apt, f"{name} requires {needed}"
+
+
+def _installed(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
 @of_our_pins
 @pytest.mark.parametrize("requirements", REQUIREMENTS, ids=lambda path: f"{path.parent.stem}-{path.stem}")
 def test_every_pin_has_the_hashes_of_its_files(requirements: Path) -> None:
