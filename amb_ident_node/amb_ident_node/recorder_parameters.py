@@ -11,7 +11,11 @@ class RecorderParameters(Parameters):
     directory: str = choice("bags", "folder for bags that are requested without a path or with a relative path")
     record_on_start: bool = switch(False, "start a bag named by date as soon as the node is up")
     chunk_period: float = quantity(
-        0.5, "s", "period of writing to the disk; a killed recorder loses at most this much", 0.05, 10.0
+        0.5,
+        "s",
+        "period of writing to the disk; a killed recorder loses at most this much, and what the disk has not taken yet",
+        0.05,
+        10.0,
     )
     parameter_timeout: float = quantity(
         2.0, "s", "longest wait for an answer about the parameters or the state of a node", 0.05, 10.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import resource
 from pathlib import Path
 
@@ -51,6 +52,13 @@ def test_every_parameter_makes_another_key():
     keys = {one.key() for one in others} | {task().key()}
     assert len(keys) == len(others) + 1
     assert task().key() == task().key()
+
+
+def test_the_classifier_of_a_sweep_knows_the_running_speed_of_the_plant_in_its_own_unit():
+    turning = validate(PlantParameters, {"rotor.running_speed": 25.0})  # Hz
+    assert task(plant=turning).regions.running_speed == pytest.approx(2.0 * math.pi * 25.0)  # rad/s
+    assert task(plant=turning, regions=RegionParameters(running_speed=3.0)).regions.running_speed == 3.0
+    assert task().regions.running_speed == 0.0
 
 
 def test_parameters_of_nodes_have_the_keys_of_what_they_describe():

@@ -1,6 +1,6 @@
 """The region map of a rotor that turns, beside that at rest: boundaries B and D of the paper's bearing.
 
-The rotor runs at 100 rad/s with an unbalance of 18.75 g mm, which alone moves it by some micrometres.
+The rotor runs at 100 Hz with an unbalance of 18.75 g mm, which alone moves it by some micrometres.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from amb_core.regions.region_map.sweep_run import SweepTask, run_sweep
 from tests.benchmarks.regions.spread import spread
 
 AMPLITUDES = (8e-6, 12e-6, 18e-6, 27e-6, 40e-6)  # m
-TURNING = {"rotor": {"running_speed": 100.0, "unbalance": 18.75e-6}}
+TURNING = {"rotor": {"running_speed": 100.0, "unbalance": 18.75e-6}}  # Hz, kg m
 SWEEP_END = 2600.0  # Hz
 
 

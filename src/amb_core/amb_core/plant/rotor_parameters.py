@@ -36,7 +36,12 @@ class RotorParameters(Parameters):
         source="stated: section 2.1, without its value",
     )
     running_speed: float = quantity(
-        0.0, "Hz", "running speed, revolutions per second from +x to +y", 0.0, 5000.0, source="stated: section 2.3"
+        0.0,
+        "Hz",
+        "running speed from +x to +y, in revolutions per second (`running_speed` of the region monitor is in rad/s)",
+        0.0,
+        5000.0,
+        source="stated: section 2.3",
     )
     unbalance: float = quantity(
         0.0,

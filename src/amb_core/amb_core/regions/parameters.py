@@ -45,8 +45,9 @@ class RegionParameters(Parameters):
     running_speed: float = quantity(
         0.0,
         "rad/s",
-        "known speed of the rotor: lines at it and its harmonics count neither as drift nor as slow oscillation; 0: "
-        "unknown, such lines are found while there is no excitation",
+        "known speed of the rotor, in rad/s (`rotor.running_speed` of the simulator is in Hz): lines at it and its "
+        "harmonics count neither as drift nor as slow oscillation; 0: unknown, such lines are found while there is no "
+        "excitation",
         0.0,
         1e5,
     )

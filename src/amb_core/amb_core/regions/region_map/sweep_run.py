@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,7 +31,8 @@ class SweepTask(LoopTask[MapSweep]):
     rest : float
         Time without excitation before it (s).
     plant, controller, regions : PlantParameters, ControllerParameters, RegionParameters
-        The loop, and the thresholds of the classifier. Subclasses (parameters of nodes) are reduced to these.
+        The loop, and the thresholds of the classifier. Subclasses (parameters of nodes) are reduced to these. Unless
+        `regions` has a running speed, it is that of the plant.
     """
 
     sweep: Sweep
@@ -42,7 +44,7 @@ class SweepTask(LoopTask[MapSweep]):
     def __post_init__(self) -> None:
         super().__post_init__()
         regions = self.regions.model_dump()
-        regions["running_speed"] = regions["running_speed"] or self.plant.rotor.running_speed
+        regions["running_speed"] = regions["running_speed"] or 2.0 * math.pi * self.plant.rotor.running_speed
         object.__setattr__(self, "regions", part_of(RegionParameters, regions))
         # A region map does not use what happens after touch-down, so the run may end there.
         plant = {**flatten(self.plant.model_dump()), "backup_bearing.contact": False}
