@@ -205,6 +205,15 @@ def test_figures_that_cells_hold_are_not_taken_and_one_line_says_so(
         measured.main()
 
 
+def test_every_drawn_bearing_has_two_certificates_or_none() -> None:
+    table = load("misfit").tables["kinds"]
+    for row in table.rows:
+        count = dict(zip(table.columns, row, strict=True))
+        stated = ("certified, also with reservations", "predicted", "restricted to a band", "refused")
+        with_two = int(count["drawn"]) - int(count["without certificates"])
+        assert sum(int(count[name]) for name in stated) == 2 * with_two, row[0]
+
+
 # -- tables that are typed
 
 FIGURES = re.compile(r"\d ?(?:%|ns|us|ms|s|min|h|kB|MB|GB)(?![\w/])|\d of \d")
