@@ -87,7 +87,7 @@ bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experim
 bench-verdicts: setup  ## verdicts on true and wrong models of random bearings; writes results/bench_verdicts.json
 	@$(RUN) python -m tests.benchmarks.verdicts.run
 
-.venv-peers/.complete: tests/benchmarks/ident/peers.txt
+.venv-peers/.complete: tests/benchmarks/ident/peers.txt | setup
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
 .venv-docs/.complete: docs/requirements.hashes | setup  # an environment of its own that sees the packages of .venv

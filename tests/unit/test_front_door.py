@@ -27,6 +27,7 @@ FOLDERS = ("benchmarks", "validation", "soak", "fuzz")
 OURS = {"tests.front_door.run", "tests.front_door.faults", "tests.target_rig"}
 """What runs the list, what proves it, and what writes the data of a test."""
 LISTS = "list it in tests/front_door/entries.py"
+ENVIRONMENT = re.compile(r"\$\(RUN\)|\.venv/bin")
 MODULES = {program.module for program in PROGRAMS}
 
 
@@ -51,6 +52,13 @@ def test_every_target_is_listed() -> None:
 def test_help_lists_every_target() -> None:
     shown = subprocess.run(["make", "-s", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert {line.split()[0] for line in shown.splitlines()} == set(TARGETS)
+
+
+def test_what_runs_in_the_environment_waits_until_it_is_set_up_with_several_jobs_too() -> None:
+    rules = re.findall(r"^([\w./-]+):(?!=)(.*)\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
+    running = {target: needs.split("##")[0].split() for target, needs, recipe in rules if ENVIRONMENT.search(recipe)}
+    assert "test" in running and ".venv-peers/.complete" in running
+    assert [target for target, needs in running.items() if "setup" not in needs] == []
 
 
 DEFAULTS = [
