@@ -1,6 +1,7 @@
 """The documentation says what the code says: parameter tables, interfaces and links.
 
-The parameter tables in the READMEs are rendered from the declarations; `python -m tests.unit.test_docs` rewrites them.
+The parameter tables in the READMEs are rendered from the declarations, the table of modes on the page of the plant is
+computed; `python -m tests.unit.test_docs` rewrites them.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ import pytest
 from amb_core.ground.files.parameter_files import KNOWN_NODES
 from amb_ros import topics
 from docs.generators.links import PAGES as PAGES_OF_THE_REPOSITORY
+from docs.generators.modes import PAGE as PAGE_OF_MODES
+from docs.generators.modes import TABLE as TABLE_OF_MODES
+from docs.generators.modes import with_current_modes
 from docs.generators.modules import FOLDER as GENERATED_PAGES
 from docs.generators.tables import TABLE, TABLES, with_current_tables
 
@@ -53,6 +57,12 @@ def test_parameter_tables_are_those_of_the_declarations(readme: Path) -> None:
 def test_every_parameter_set_has_its_table() -> None:
     shown = {match[2] for readme in READMES for match in TABLE.finditer(readme.read_text())}
     assert shown == set(TABLES)
+
+
+def test_the_modes_of_the_flexible_rotor_on_the_page_of_the_plant_are_those_of_the_code() -> None:
+    text = PAGE_OF_MODES.read_text()
+    assert len(TABLE_OF_MODES.findall(text)) == 1
+    assert text == with_current_modes(text), "out of date; run: python -m tests.unit.test_docs"
 
 
 # -- shape of the READMEs
@@ -234,3 +244,4 @@ def test_modules_have_the_names_that_the_readme_promises(package: str) -> None:
 if __name__ == "__main__":
     for path in READMES:
         path.write_text(with_current_tables(path.read_text()))
+    PAGE_OF_MODES.write_text(with_current_modes(PAGE_OF_MODES.read_text()))
