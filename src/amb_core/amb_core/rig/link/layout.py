@@ -176,7 +176,7 @@ class Limits:
     missed_share : float
         Share of missed control steps, from which on they add up to `missed_steps` (-).
     lock_time : float
-        Time after a trip by displacement in which faults are not reset (s (s); infinite: until a restart).
+        Time after a trip by displacement in which faults are not reset (s); infinite: until a restart.
 
     Raises
     ------
