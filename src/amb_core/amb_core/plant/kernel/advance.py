@@ -25,6 +25,7 @@ from amb_core.plant.kernel import circuit
 from amb_core.plant.kernel.amplifiers import (
     any_negative_current,
     block_negative_currents,
+    count_step,
     set_references,
     set_shifted_voltages,
     set_voltages,
@@ -91,7 +92,7 @@ def advance(constants, state, bearings, modes, references, steps, trace):
             _step_circuit(plant, shared, first, False)
             circuit.integrate(plant, first)
             move_point_mass(plant, shared, first)
-            _count_step(plant, shared)
+            count_step(plant, shared)
     elif bearings.shape[0] == 2 and trace.shape[0] == 0 and not plant.extended:
         # So has a rotor in two of them.
         second = bearings[1]
@@ -101,7 +102,7 @@ def advance(constants, state, bearings, modes, references, steps, trace):
             _step_circuit(plant, shared, second, False)
             circuit.integrate(plant, second)
             move_modes(plant, shared, bearings, modes)
-            _count_step(plant, shared)
+            count_step(plant, shared)
     else:
         for step in range(steps):
             # With its place known to the compiler, the first bearing takes less time.
@@ -122,7 +123,7 @@ def advance(constants, state, bearings, modes, references, steps, trace):
                 move_modes(plant, shared, bearings, modes)
             if plant.sensor_share != 1.0:
                 sense(plant, shared, bearings, modes)
-            _count_step(plant, shared)
+            count_step(plant, shared)
     if plant.sensor_share == 1.0:
         sense(plant, shared, bearings, modes)
     return _status(plant, bearings)
@@ -168,13 +169,6 @@ def _step_circuit(constants, state, bearing, extended):
 @numba.njit(cache=True, error_model="numpy")
 def _step_other_circuit(constants, state, bearing):
     _step_circuit(constants, state, bearing, True)
-
-
-@numba.njit(inline="always", error_model="numpy")
-def _count_step(constants, state):
-    state.started = True
-    state.steps += 1
-    state.phase = state.phase + 1 if state.phase + 1 < constants.amplifier.period else 0
 
 
 @numba.njit(cache=True, error_model="numpy")
