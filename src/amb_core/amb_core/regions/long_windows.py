@@ -24,7 +24,6 @@ FIRST, LAST = 3.0, 6.5  # periods a window of the lines that a window is searche
 REFERENCE = 24  # periods a window of the highest line of the noise
 KINKS = 16  # positions of a kink that are tried
 EVALUATIONS = 12  # per window
-SHORTEST_BLOCK = 3  # decimated samples
 BEATING = 0.25  # share of a window in which a harmonic may fold into its band
 TABLE = line_table(BLOCKS, REFERENCE)
 

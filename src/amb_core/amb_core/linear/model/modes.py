@@ -31,7 +31,6 @@ from amb_core.linear.model.whirl import ellipticity, sensor_planes, whirl_of
 LEAST_GAIN = 0.01
 """Peak gain of a mode, over the largest of all modes, below which a table of modes leaves it out."""
 _SAME_RATE = 1e-4
-_TWO_PI = 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False)

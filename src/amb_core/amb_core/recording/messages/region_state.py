@@ -11,7 +11,6 @@ from amb_core.regions import AxisState, BearingState, Onset, Region, RegionState
 
 M = TypeVar("M", bound=Any)
 
-REGION_STATE = "amb_msgs/msg/RegionState"
 _EVIDENCE = {"drift": "drifting", "oscillation": "oscillating"}
 """Onsets that an axis has or lacks, and the fields that say which."""
 _FEATURES = [field for field in fields(AxisState) if field.name not in ("region", "since", *_EVIDENCE)]
