@@ -54,8 +54,17 @@ def require_host_loop(settings: BridgeParameters, link: TargetLink) -> None:
             )
 
 
-def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> TargetLink:
+def link_of(parameters: LinkParameters, starting: Callable[[], object], take_over: bool = True) -> TargetLink:
     """The link that the parameters name.
+
+    Parameters
+    ----------
+    parameters : LinkParameters
+        Kind, address and times.
+    starting : callable
+        Called first in the thread of the link.
+    take_over : bool, optional
+        Whether it connects to a rotor that is levitated. Links of others decide that themselves.
 
     Raises
     ------
@@ -72,6 +81,7 @@ def link_of(parameters: LinkParameters, starting: Callable[[], object]) -> Targe
             timeout=parameters.timeout,
             silence=parameters.silence,
             starting=starting,
+            take_over=take_over,
         )
     return _installed_link(parameters.kind)(parameters)
 

@@ -12,8 +12,16 @@ from collections.abc import Callable
 
 import pytest
 
+from amb_core.ground.errors import TargetError
 from amb_core.loop.control import ControllerParameters
-from amb_core.rig.link import AmbUdpLink, ReferenceTarget, TargetSettings, TargetState, TelemetryBlock
+from amb_core.rig.link import (
+    AmbUdpLink,
+    ReferenceTarget,
+    TargetDescription,
+    TargetSettings,
+    TargetState,
+    TelemetryBlock,
+)
 from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import resummed
 from tests.soak.recovery import recovery
@@ -138,6 +146,53 @@ def test_a_host_that_connects_to_a_levitated_rotor_does_not_move_it(served: Serv
         assert not any(block.reference.any() for block in listener.blocks)
     finally:
         link.close()
+
+
+def test_a_host_is_heard_although_another_one_commands_while_it_connects(
+    served: ServedEmulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, link = (AmbUdpLink(port=served.port, key=KEY, **PATIENT) for _ in range(2))
+    levitated(first, Listener())
+    begin = link._begin_session
+
+    def after_a_command_of_the_other() -> TargetDescription:
+        known = begin()
+        first.status()
+        return known
+
+    monkeypatch.setattr(link, "_begin_session", after_a_command_of_the_other)
+    link.connect(Listener())
+    assert link.status().state is TargetState.LEVITATED
+    link.close()
+    first.close()
+
+
+def test_a_command_whose_counter_another_host_has_used_is_sent_with_a_later_one(served: ServedEmulator) -> None:
+    first, link = (AmbUdpLink(port=served.port, key=KEY, **PATIENT) for _ in range(2))
+    first.connect(Listener())
+    link.connect(Listener())
+    first._writer.catch_up(link._writer.counter)
+    first.status()
+    assert link.status().state is TargetState.OFF
+    link.close()
+    first.close()
+
+
+def test_a_host_that_is_refused_does_not_take_the_samples_from_the_one_that_closes_the_loop(
+    served: ServedEmulator,
+) -> None:
+    first, listener = AmbUdpLink(port=served.port, key=KEY, **PATIENT), Listener()
+    limits = first.connect(listener).limits
+    first.configure(TargetSettings(ControllerParameters(), limits, (), "off"))
+    served.stop_steps(True)  # no current is due meanwhile
+    first.levitate(0.0)
+    with pytest.raises(TargetError, match="in the other mode of the loop; land it first"):
+        connected(served, ControllerParameters)
+    step = first.status().step
+    served.stop_steps(False)
+    listener.wait_for_step(step + 500)
+    assert first.count.samples.lost == 0
+    first.close()
 
 
 def test_what_it_changes_meanwhile_waits_with_the_rest_until_the_rotor_has_landed(served: ServedEmulator) -> None:

@@ -21,8 +21,15 @@ from amb_core.rig.link.answers import Reply
 from amb_core.rig.link.commanded import CommandedLink
 from amb_core.rig.link.commands import Command
 from amb_core.rig.link.in_order import InOrder
-from amb_core.rig.link.layout import Code, Law, TargetState, TelemetryOption
-from amb_core.rig.link.link import HostLoopLink, LinkListener, TargetDescription, TargetSettings
+from amb_core.rig.link.layout import Code, Law, TelemetryOption
+from amb_core.rig.link.link import (
+    HostLoopLink,
+    LevitatedError,
+    LinkListener,
+    RebootedError,
+    TargetDescription,
+    TargetSettings,
+)
 from amb_core.rig.link.refusals import require_done
 from amb_core.rig.link.session import RECEIVE_TIMEOUT, AmbUdpSession
 from amb_core.rig.link.upload import Upload, controller_upload
@@ -33,6 +40,7 @@ SILENCE = 0.4  # s
 FIRST_REPEAT, LONGEST_REPEAT = 0.02, 0.1  # s after which a command without a reply is sent again
 LAWS = {"": Law.PD, "off": Law.HOST, "land": Law.HOST_OR_LAND}  # by what a target does without the host
 FORESEEN = 10.0  # s after the latest step that a sealed reply has named: no later one can have been measured
+UNANSWERED = 2  # searches that the target answers while it does not reply to a command: it has not taken that
 BURST = 48  # chunks of an upload before the target is asked which have arrived: less than any receive buffer holds
 
 
@@ -57,6 +65,8 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         Time without a frame after which the target is taken for gone (s); its status comes every 100 ms.
     starting : callable, optional
         Called first in the thread of the link, to give it a real-time priority for example.
+    take_over : bool, optional
+        Whether it connects to a target whose rotor is levitated, and takes its telemetry away from another host.
 
     Raises
     ------
@@ -74,8 +84,10 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         timeout: float = 1.0,
         silence: float = SILENCE,
         starting: Callable[[], object] = lambda: None,
+        take_over: bool = True,
     ) -> None:
         super().__init__(address, port, key, float64, wait, timeout, silence, starting)
+        self._take_over = take_over
         self._waiting = 0  # commands that wait until an upload lets them pass
         self._uploads = itertools.count(random.randrange(1, 1 << 30))
         self._waiting_settings: TargetSettings | None = None  # until that rotor has landed
@@ -96,7 +108,8 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         Raises
         ------
         TargetError
-            If it does not answer in time, has another version or needs another key.
+            If it does not answer in time, has another version or needs another key; LevitatedError if its rotor is
+            levitated and may not be taken over.
         """
         self._listener = listener
         try:
@@ -109,15 +122,25 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         except AmbError as problem:
             self.close()
             raise TargetError(one_line(problem)) from None
-        self._heard = self._sealed = self._sampled = time.monotonic()
+        self._heard = self._sealed = time.monotonic()
+        self._sampled = math.inf  # no telemetry is due before it is asked for
         self._thread = threading.Thread(target=self._run, name="amb_udp", daemon=True)
         self._thread.start()
         try:
-            self._command(self._stream())
+            self._begin_telemetry()
         except TargetError:
             self.close()
             raise
         return description
+
+    def _begin_telemetry(self) -> None:
+        """Ask for telemetry, unless another host needs it: it has one receiver, and may be what closes the loop."""
+        status = self.status()
+        if status.currents_on and not self._take_over:
+            raise LevitatedError
+        if not (status.currents_on and status.by_host):
+            self._command(self._stream())
+            self._sampled = time.monotonic()
 
     def configure(self, settings: TargetSettings) -> None:
         """Send controller, limits and references.
@@ -145,7 +168,7 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         if isinstance(law, LinearControl):
             require_order(law.model, [axis.name for axis in machine.axes])
         status = self.status()
-        levitated = status.state not in (TargetState.OFF, TargetState.TRIPPED)
+        levitated = status.currents_on
         by_host = bool(settings.without_host)
         if levitated and status.by_host != by_host:
             raise TargetError("the rotor is levitated in the other mode of the loop; land it first")
@@ -164,6 +187,7 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
             self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
             self._options |= TelemetryOption.FLOAT64
             self._command(self._stream())
+            self._sampled = time.monotonic()
 
     @property
     def settings_wait(self) -> bool:
@@ -242,14 +266,19 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         self._awaited = self._writer.counter
         self._replied.clear()
         began = time.monotonic()
-        pause, sent = FIRST_REPEAT, began
+        pause, sent, recognised = FIRST_REPEAT, began, self._recognised
         self._send(frame)
         while not self._replied.wait(pause):
             if self._closing.is_set() or self._silent or time.monotonic() - began > self._timeout:
+                if self._rebooted:
+                    raise RebootedError
                 raise TargetError(f"no reply from {self._where} to {command.type.name}")
             pause, sent = min(2.0 * pause, LONGEST_REPEAT), math.nan
             self.count.resent += 1
-            if self._writer.counter != self._awaited:  # the target has taken later ones, of another host
+            overtaken = self._writer.counter != self._awaited  # the target has taken later ones, of another host
+            same = self._recognised >= recognised + UNANSWERED  # or one of another host with the same counter
+            if overtaken or same:
+                recognised = self._recognised
                 frame = self._writer.write(command)
                 self._awaited = self._writer.counter
             self._send(frame)

@@ -100,6 +100,11 @@ class TargetStatus:
     by_host: bool = False
     locked: bool = False
 
+    @property
+    def currents_on(self) -> bool:
+        """Whether the rotor is levitated, or on its way up or down."""
+        return self.state not in (TargetState.OFF, TargetState.TRIPPED)
+
 
 @dataclass(frozen=True)
 class Reply:

@@ -45,6 +45,20 @@ class TooLateError(TargetError):
         self.next_step = next_step
 
 
+class LevitatedError(TargetError):
+    """Another host levitates the rotor."""
+
+    def __init__(self) -> None:
+        super().__init__("the rotor is levitated already; land it first")
+
+
+class RebootedError(TargetError):
+    """The target has been started anew: its settings are gone, and it counts steps anew."""
+
+    def __init__(self) -> None:
+        super().__init__("the target has rebooted: settings and steps are gone; find out why, and begin again")
+
+
 class NoRecordError(TargetError):
     """A target, or a link to it, keeps nothing of the second before a trip: there is nothing to wait for."""
 

@@ -72,7 +72,8 @@ class AmbUdpSession:
         self._reply: Reply | None = None
         self._awaited = 0  # counter of the open command
         self._search, self._searching = Search(key), True
-        self._silent = False
+        self._recognised = 0  # times that the target has answered a search since it was connected
+        self._silent = self._rebooted = False  # while it does not answer; while its new boot is being taken
         self._sent: dict[str, Command] | None = None  # settings of this boot, by kind
         # Times of the monotonic clock (s)
         self._next_hello = self._next_heartbeat = self._next_clock = -math.inf
@@ -187,7 +188,7 @@ class AmbUdpSession:
 
     def _ask(self, now: float) -> None:
         """Ask the target for its boot and its counter, in a search of its own until something sealed has come."""
-        if not self._searching:
+        if not self._searching or self._search.complete is not None:
             self._search.begin()
             self._searching = True
         self._say_hello(now)
@@ -223,7 +224,7 @@ class AmbUdpSession:
         self._searching, silent = False, self._silent
         rebooted, known = pages[0].nonce != self._session.nonce, self._known
         if rebooted:
-            self._silent = True  # an open command ends
+            self._silent = self._rebooted = True  # an open command ends
             try:
                 with self._exchange:
                     known = self._begin_session()
@@ -231,7 +232,9 @@ class AmbUdpSession:
                 self.count.refused += 1
                 return
         self._writer.catch_up(pages[0].counter)
-        self._silent, self._sealed, self._next_heartbeat = False, now, now
+        self._recognised += 1
+        self._silent = self._rebooted = False
+        self._sealed, self._next_heartbeat = now, now
         if silent or rebooted:
             self._heard, self._sampled = now, -math.inf if rebooted else now
             self._listener.on_return(known, rebooted)

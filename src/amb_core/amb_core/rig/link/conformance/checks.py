@@ -76,11 +76,11 @@ def check_target(target: Exchange) -> list[Complaint]:
     if wrong := target.find():
         return [Complaint("description", wrong)]
     try:
-        state = target.command(commands.heartbeat()).status.state
+        status = target.command(commands.heartbeat()).status
     except TargetError as problem:
         return [Complaint("reply", str(problem))]
-    if state not in (TargetState.OFF, TargetState.TRIPPED):
-        raise TargetError(f"the target is {state.name.lower()}; it is checked with the rotor at rest")
+    if status.currents_on:
+        raise TargetError(f"the target is {status.state.name.lower()}; it is checked with the rotor at rest")
     complaints = []
     for name, check in CHECKS.items():
         try:
@@ -337,7 +337,7 @@ def _host_loop(target: Exchange) -> Iterator[str]:
     between, after = target.answers_before_heartbeat(frame)
     if any(isinstance(one.answer, Reply) for one in between):
         yield "CURRENT is answered"
-    if after.state not in (TargetState.OFF, TargetState.TRIPPED):
+    if after.currents_on:
         yield "CURRENT switches the amplifiers on"
     _, again = target.answers_before_heartbeat(frame)
     if again.replayed != after.replayed + 1:
