@@ -12,6 +12,7 @@ from rich.table import Table
 from amb_bringup.commands.graph import NetworkOption, choose_network, keep_running, shown_graph
 from amb_bringup.commands.options import ParamsOption, quantity_option
 from amb_bringup.commands.terminal import Terminal
+from amb_bringup.exit_codes import CHECK_FAILED
 from amb_core.ground.files.parameter_files import RIG_NODES
 
 if TYPE_CHECKING:
@@ -120,7 +121,7 @@ def check(
     for one in complaints:
         console.print(f"{one.check}: {one.text}", highlight=False, markup=False)
     if complaints:
-        raise typer.Exit(3)
+        raise typer.Exit(CHECK_FAILED)
     console.print(f"{target.where} keeps to AMB-UDP in {len(CHECKS)} checks: {', '.join(CHECKS)}")
 
 
