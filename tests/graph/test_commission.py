@@ -18,7 +18,10 @@ from amb_bringup.graph.packages import find_executable
 from amb_core.ground.files.parameter_files import RIG_NODES
 from amb_core.linear.model import StateSpaceModel
 from amb_core.recording import Recording
+from amb_core.rig.link import AmbUdpLink, TargetState
 from tests.graph.rig import PATIENT, config, free_port
+from tests.served_emulator import ServedEmulator
+from tests.unit.test_target_link import Listener, levitated
 
 GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "commission-a-rig.md"
 PARAMETERS, WRONG_SIGN = re.findall(r"^```yaml\n(.*?)^```$", GUIDE.read_text(), re.DOTALL | re.MULTILINE)
@@ -53,9 +56,12 @@ def parameters(folder: Path, addition: str = "", machine: Path | None = None, id
     return path
 
 
-def commission(folder: Path, domain: int, path: Path, *durations: str) -> tuple[int, str, dict[str, Any]]:
+def commission(
+    folder: Path, domain: int, path: Path, *durations: str, emulator: bool = True
+) -> tuple[int, str, dict[str, Any]]:
     """Exit code, output and protocol."""
-    command = [str(find_executable("amb_bringup", "amb")), "commission", "--emulator", "--yes", "--params", str(path)]
+    command = [str(find_executable("amb_bringup", "amb")), "commission", "--yes", "--params", str(path)]
+    command += ["--emulator"] * emulator
     command += ["--out", str(folder / "out"), *LENIENT, *(durations or SHORT), "--no-report"]
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "COLUMNS": "400"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=TIMEOUT)
@@ -120,6 +126,24 @@ def test_a_sensor_with_the_wrong_sign_is_named_before_the_first_lift_off(tmp_pat
     assert results["wiring"]["result"] == "failed", said
     assert "reversed of y" in results["wiring"]["reason"]
     assert {step["result"] for name, step in results.items() if name != "wiring"} == {"skipped"}
+    assert "the currents were off" in results["landing"]["reason"]
+
+
+def test_a_rotor_that_another_host_levitates_is_refused_and_left_as_it_is(tmp_path: Path, domain: int) -> None:
+    with ServedEmulator() as served:
+        other = AmbUdpLink(port=served.port, timeout=60.0, silence=60.0)
+        levitated(other, Listener())
+        path = tmp_path / "rig.yaml"
+        content = yaml.safe_load(PARAMETERS)
+        content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": served.port} | PATIENT
+        path.write_text(yaml.safe_dump(content))
+        code, said, protocol = commission(tmp_path, domain, path, emulator=False)
+        results = {step["name"]: step for step in protocol["steps"]}
+        assert code == 3, said
+        assert results["wiring"]["reason"] == "the rotor is levitated already; land it first"
+        assert results["landing"]["reason"] == "another host levitates the rotor; it is left as it is"
+        assert other.status().state is TargetState.LEVITATED
+        other.close()
 
 
 def test_without_that_step_it_is_named_by_how_the_rotor_runs_away(tmp_path: Path, domain: int) -> None:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import re
+import threading
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
+from amb_bringup.experiments.wiring import Wiring
 from amb_core.excitation import Square, generate
 from amb_core.excitation.axes import parts_of
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.parameters import validate
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.simulation import simulate as respond
 from amb_core.loop.control import ControllerParameters, PdController
@@ -19,6 +23,7 @@ from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.simulation import simulate
 from amb_core.report.pages import write_report
 from amb_core.report.pages.commissioning import protocol_report
+from amb_core.rig import commissioning
 from amb_core.rig.commissioning import (
     CommissioningSettings,
     Expected,
@@ -39,7 +44,14 @@ from amb_core.rig.commissioning import (
     static_response,
     sweep,
 )
+from amb_core.rig.commissioning.tones import tone_set
+from amb_core.rig.emulation import FaultParameters, LimitParameters, reference_library
+from amb_core.rig.emulation.lock_step import LockStepLink
+from amb_core.rig.link import AmbUdpLink, LevitatedError, RebootedError, TargetSettings, TargetState
+from amb_sim_node.bridge_parameters import BridgeParameters
 from tests.emulated_host import Bench
+from tests.served_emulator import ServedEmulator
+from tests.unit.test_target_link import PATIENT, Listener, levitated
 
 SETTINGS = CommissioningSettings()
 RATE = 10_000.0
@@ -208,6 +220,109 @@ def test_an_excitation_that_goes_on_after_the_stop_fails() -> None:
     assert failed(fade_checks(reference, 5_000, 1e-4, SETTINGS)) == []
     reference[:15_000] = 1e-6
     assert len(failed(fade_checks(reference, 5_000, 1e-4, SETTINGS))) == 1
+
+
+# -- the first steps, and who else commands the target
+
+
+@pytest.fixture
+def served() -> Iterator[ServedEmulator]:
+    with ServedEmulator() as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def other(served: ServedEmulator) -> Iterator[AmbUdpLink]:
+    """Another host, which is not connected yet."""
+    link = AmbUdpLink(port=served.port, **PATIENT)
+    yield link
+    link.close()
+
+
+def wired(served: ServedEmulator, settings: CommissioningSettings = SETTINGS, **link: float) -> Wiring:
+    patient = {"timeout": 60.0, "silence": 60.0}
+    values = {"link.port": served.port, "landing_time": 0.1, "levitation_time": 0.1}
+    values |= {f"link.{name}": value for name, value in (patient | link).items()}
+    return Wiring(validate(BridgeParameters, values), settings, None, None, lambda: None)
+
+
+def test_a_rotor_that_another_host_levitates_is_refused_and_left_as_it_is(
+    served: ServedEmulator, other: AmbUdpLink
+) -> None:
+    listener = Listener()
+    levitated(other, listener)
+    with pytest.raises(LevitatedError, match="levitated already; land it first"):
+        wired(served)
+    step = other.status().step
+    listener.wait_for_step(step + 2_000)
+    assert other.status().state is TargetState.LEVITATED
+    assert other.count.samples.lost == 0, "its telemetry was taken away"
+
+
+def test_one_that_another_host_levitates_meanwhile_is_not_touched_either() -> None:
+    limits = validate(LimitParameters, {})
+    link = LockStepLink(PlantParameters(), ControllerParameters(), limits, FaultParameters(), reference_library())
+    settings = TargetSettings(ControllerParameters(), limits.with_current(3.0), ())
+    rig = commissioning.Bench(link, lambda _: settings, lambda step: link.advance(max(step - link.steps, 0)))
+    link.advance(50)
+    link.levitate(0.01)  # as another host does
+    with pytest.raises(LevitatedError):
+        rig.tones_at_rest(tone_set(50.0, 800.0, 6, 0.2), 0, 0.1, 0.2)
+    with pytest.raises(LevitatedError):
+        rig.levitate(0.01, 0.1)
+    rig.off()
+    rig.land(0.1)
+    link.advance(1_000)
+    assert link.status().state is TargetState.LEVITATED
+
+
+def noisy(served: ServedEmulator, settings: CommissioningSettings) -> list[str]:
+    """Findings on a rig whose sensor x has a noise of 3 um."""
+    served.fail(sensor={"noisy": "x", "noise": 3e-6})
+    wiring = wired(served, settings)
+    try:
+        return failed(wiring.before_lift())
+    finally:
+        wiring.close()
+
+
+def test_the_limit_of_noise_that_is_given_holds_before_the_first_lift_too(served: ServedEmulator) -> None:
+    assert "sensor noise of x" in noisy(served, SETTINGS)
+    assert "sensor noise of x" not in noisy(served, CommissioningSettings(noise=5e-6))
+
+
+def test_what_it_has_levitated_itself_is_landed_at_its_end(served: ServedEmulator, other: AmbUdpLink) -> None:
+    wiring = wired(served)
+    wiring.bench.levitate(0.01, 0.0)
+    assert wiring.close() == ""
+    other.connect(Listener())
+    assert other.status().state is TargetState.OFF
+
+
+def test_whether_currents_flow_is_not_known_after_the_link_was_lost(served: ServedEmulator) -> None:
+    wiring = wired(served, timeout=2.0, silence=0.5)
+    wiring.bench.levitate(0.01, 0.0)
+    served.pause(True)
+    assert "no reply from the target" in wiring.close()
+
+
+def test_a_reboot_of_the_target_ends_the_wait_for_its_samples(served: ServedEmulator) -> None:
+    wiring = wired(served)
+    later = wiring.bench.status().step + 3_000
+
+    def reboot() -> None:
+        while served.do(lambda emulator: emulator.steps) < later:
+            pass
+        served.do(lambda emulator: emulator.reboot())
+
+    rebooting = threading.Thread(target=reboot)
+    rebooting.start()
+    try:
+        with pytest.raises(RebootedError, match="the target has rebooted"):
+            wiring.bench.record(1e3)
+    finally:
+        rebooting.join()
+        assert "rebooted" in wiring.close()
 
 
 # -- protocol

@@ -80,7 +80,9 @@ def test_mains_and_noise_are_told_apart() -> None:
     quiet = 2e-8 * draw.standard_normal((3_000, 2))
     hum = quiet + np.column_stack([4e-6 * np.sin(2.0 * np.pi * 50.0 * time), 0.0 * time])
     noisy = quiet + [0.0, 5e-6] * draw.standard_normal((3_000, 2))
-    names = [[(one.fault, one.axes) for one in noise_findings(values, ("x", "y"))] for values in (quiet, hum, noisy)]
+    names = [
+        [(one.fault, one.axes) for one in noise_findings(values, ("x", "y"), 2e-6)] for values in (quiet, hum, noisy)
+    ]
     assert names == [[], [("sensor hum", ("x",))], [("sensor noise", ("y",))]]
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -36,6 +37,7 @@ from amb_core.report.figures.closed_loop import closed_loop_chart
 from amb_core.report.figures.loop import orbit_chart, response_chart
 from amb_core.rig import commissioning as core
 from amb_core.rig.commissioning import Check, CommissioningSettings, Expected, Protocol, Step, at_most, measured
+from amb_core.rig.link.link import LevitatedError
 from amb_msgs.msg import BridgeState
 from amb_msgs.msg import Machine as MachineMessage
 from amb_ros import topics
@@ -97,6 +99,9 @@ class Session:
         self._measured = Measurements(self.amb, lambda: self.machine)
         self._machine: Machine | None = None
         self._link: dict[str, str] = {}
+        self._of_another = False  # whether another host levitates the rotor
+        self._bridged = False  # whether the bridge was asked to connect
+        self._currents = "no answer of the target so far"  # why they may flow while it is not; empty: they are off
         create_subscription(node, MachineMessage, topics.MACHINE, self._on_machine, LATCHED)
         create_subscription(node, DiagnosticArray, "/diagnostics", self._on_diagnostics, HISTORY)
 
@@ -107,17 +112,22 @@ class Session:
         assert self._machine is not None
         return self._machine
 
+    @property
+    def order(self) -> int | Literal["auto"]:
+        """Order of the model that is identified, and of the one in a report on the recording."""
+        return core.order_of_rig(len(self.machine.axes))
+
     def carry_out(self, bag: Path) -> Protocol:
-        """All steps; the rotor is landed at the end in every case.
+        """All steps; the rotor is landed at the end in every case, unless another host levitates it.
 
         Parameters
         ----------
         bag : Path
             Folder of the bag that is made once the target is connected.
         """
-        if self.wiring:
-            self._wire()
         try:
+            if self.wiring:
+                self._wire()
             self._step("connection", "Connect to the target and observe the link", self._connect)
             if not self.protocol.failed:
                 self.amb.start_recording(bag)
@@ -141,7 +151,7 @@ class Session:
         opened: list[Wiring] = []
 
         def begin() -> list[Check]:
-            opened.append(Wiring(self.bridge, self.expected, self.confirm, self.check))
+            opened.append(Wiring(self.bridge, self.settings, self.expected, self.confirm, self.check))
             return opened[0].before_lift()
 
         try:
@@ -152,7 +162,7 @@ class Session:
                 self._step("first lift", title, opened[0].lift, "levitate the rotor")
         finally:
             for one in opened:
-                one.close()
+                self._currents = one.close()
 
     def _step(
         self, name: str, title: str, action: Callable[[], list[Check]], moves: str = "", always: bool = False
@@ -188,6 +198,7 @@ class Session:
         except _NotDoneError as reason:
             step.skipped = str(reason)
         except AmbError as problem:
+            self._of_another = self._of_another or isinstance(problem, LevitatedError)
             step.problem = self._why(problem)
         finally:
             step.seconds = round(time.monotonic() - began, 3)
@@ -204,6 +215,7 @@ class Session:
 
     def _connect(self) -> list[Check]:
         settings, rig = self.settings, self.amb.rig
+        self._bridged = True
         rig.connect()
         self._spend(START)
         machine, before = self.machine, rig.wait_for_state()
@@ -234,7 +246,9 @@ class Session:
     def _sensors(self) -> list[Check]:
         state = self.amb.rig.wait_for_state()
         if state.mode not in (BridgeState.OFF, BridgeState.TRIPPED):
-            raise AmbError("the rotor is levitated already; land it first")
+            if state.mode == BridgeState.UNREACHABLE:
+                raise AmbError("the target does not answer any more")
+            raise LevitatedError
         positions: list[NDArray[np.float64]] = []
         until, seen = time.monotonic() + self.settings.observation, state.sequence
         while time.monotonic() < until or len(positions) < 2:
@@ -338,7 +352,7 @@ class Session:
 
     def _identify(self) -> list[Check]:
         started = self._measured.excite(core.multisine(self.settings))
-        self.model = self.amb.identify(order=core.order_of_rig(len(self.machine.axes)), focus="simulation")
+        self.model = self.amb.identify(order=self.order, focus="simulation")
         rest = self._measured.rest_before(started)
         verdicts = core.model_checks(self.model, self._measured.record(started), rest, self.settings, self.expected)
         return [self._measured.region(started), *verdicts]
@@ -363,8 +377,15 @@ class Session:
 
     def _land(self) -> list[Check]:
         rig = self.amb.rig
-        if rig.life_cycle() == "unconfigured":
-            raise _NotDoneError("the bridge is not connected; the currents are off")
+        if self._of_another:
+            raise _NotDoneError("another host levitates the rotor; it is left as it is")
+        if not self._bridged or rig.life_cycle() == "unconfigured":
+            if not self._currents:
+                raise _NotDoneError("the bridge is not connected; the currents were off after the step before")
+            raise AmbError(
+                f"the bridge is not connected, and whether currents flow is not known: {self._currents}; look at the "
+                "rig; then land with amb rig up, amb rig connect and amb rig land, or use the emergency stop"
+            )
         if rig.is_up():
             rig.land()
         self._measured.run = 0

@@ -7,23 +7,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import TargetError
-from amb_core.rig.commissioning import PUSHES, Bench, Check, Diagnosis, Expected, before_lift, levitated
+from amb_core.rig.commissioning import (
+    PUSHES,
+    Bench,
+    Check,
+    CommissioningSettings,
+    Diagnosis,
+    Expected,
+    before_lift,
+    levitated,
+)
 from amb_core.rig.commissioning.bench import LostSamplesError
-from amb_core.rig.link.layout import TargetState
-from amb_core.rig.link.link import TargetDescription, TargetLink, TargetSettings
+from amb_core.rig.link.link import LevitatedError, TargetDescription, TargetLink, TargetSettings
 from amb_sim_node.bridge_parameters import BridgeParameters
 from amb_sim_node.rig_link import controller_of, link_of
 
 STARTING = 20.0  # s for a target that still starts
 PUSHED = 0.3  # s of samples while the rotor is held
-FRAME = 120  # steps: no frame of telemetry holds more
+LATE = 1.0  # s after which samples that have not come were lost
 ATTEMPTS = 3  # of a measurement whose telemetry is not whole
 _POLL = 0.01  # s
 
@@ -37,6 +44,8 @@ class Wiring:
     ----------
     bridge : BridgeParameters
         Link, controller and protection.
+    settings : CommissioningSettings
+        Limits of noise and place of the resting rotor.
     expected : Expected, optional
         Of the model of the machine.
     confirm : callable, optional
@@ -47,29 +56,41 @@ class Wiring:
     Raises
     ------
     TargetError
-        If the target does not answer, or the rotor is levitated.
+        If the target does not answer; LevitatedError if the rotor is levitated: it is left as it is.
+
+    Attributes
+    ----------
+    bench : Bench
+        The target behind that link.
     """
 
     def __init__(
         self,
         bridge: BridgeParameters,
+        settings: CommissioningSettings,
         expected: Expected | None,
         confirm: Callable[[str], bool] | None,
         check: Callable[[], None],
     ) -> None:
-        self._expected, self._confirm, self._parameters = expected, confirm, bridge
-        self._link, self._bench = self._connected(check)
-        if self._link.status().state not in (TargetState.OFF, TargetState.TRIPPED):
-            self.close()
-            raise TargetError("the rotor is levitated already; land it first")
-        self._link.reset_faults()
+        self._expected, self._confirm, self._parameters, self._limits = expected, confirm, bridge, settings
+        self._link, self.bench = self._connected(check)
+        try:
+            if self.bench.status().currents_on:
+                raise LevitatedError
+            self._link.reset_faults()
+        except BaseException:
+            self._link.close()
+            raise
 
     def _connected(self, check: Callable[[], None]) -> tuple[TargetLink, Bench]:
         until = time.monotonic() + STARTING
         while True:
-            link = link_of(self._parameters.link, lambda: None)
+            link = link_of(self._parameters.link, lambda: None, take_over=False)
             try:
-                bench = Bench(link, self._settings, partial(self._wait, link))
+                bench = Bench(link, self._settings, self._wait)
+            except LevitatedError:
+                link.close()
+                raise
             except TargetError:
                 link.close()
                 check()
@@ -83,23 +104,32 @@ class Wiring:
         limits = parameters.protection.lowered(description.limits, parameters.current_limit)
         return TargetSettings(controller_of(parameters), limits, parameters.landing_reference)
 
-    def close(self) -> None:
-        """Land the rotor if it is levitated, and leave the target to the bridge."""
+    def close(self) -> str:
+        """Land the rotor if this object has levitated it, and leave the target to the bridge.
+
+        Returns
+        -------
+        str
+            Why currents may flow nevertheless; empty if the target says that they are off.
+        """
         try:
-            if self._link.status().state not in (TargetState.OFF, TargetState.TRIPPED):
-                self._bench.land(self._parameters.landing_time)
+            self.bench.land(self._parameters.landing_time)
+            status = self.bench.status()
+            return f"the target is {status.state.name.lower()}" if status.currents_on else ""
+        except TargetError as problem:
+            return str(problem)
         finally:
             self._link.close()
 
     def before_lift(self) -> list[Check]:
         """Sensors and coils while the rotor lies on its backup bearing."""
         hand = self._by_hand if self._confirm is not None else None
-        return _checks(_whole(lambda: before_lift(self._bench, self._expected, hand)))
+        return _checks(_whole(lambda: before_lift(self.bench, self._expected, hand, self._limits)))
 
     def lift(self) -> list[Check]:
         """Lift the rotor for some seconds."""
         seconds = self._parameters.levitation_time
-        findings = _whole(lambda: levitated(self._bench, self._expected, seconds, self._confirm is not None))
+        findings = _whole(lambda: levitated(self.bench, self._expected, seconds, self._confirm is not None))
         return _checks(Diagnosis(findings))
 
     def _by_hand(self, bench: Bench) -> Mapping[str, Mapping[str, NDArray[np.float64]]]:
@@ -112,16 +142,11 @@ class Wiring:
                     pushed.setdefault(bearing.name, {})[way] = bench.record(PUSHED).position
         return {name: ways for name, ways in pushed.items() if len(ways) == len(PUSHES)}
 
-    @staticmethod
-    def _wait(link: TargetLink, step: int) -> None:
-        """Until telemetry up to this step has arrived: it comes in frames."""
-        while link.status().step < step + FRAME:
+    def _wait(self, step: int) -> None:
+        """Until telemetry up to this step has arrived, or the target has been past it for long: it was lost."""
+        late = step + LATE * self.bench.rate
+        while self.bench.reached < step and self.bench.status().step < late:
             time.sleep(_POLL)
-        delivered = -1
-        while link.count.samples.delivered != delivered:  # what is under way has come when a reply brings no more
-            delivered = link.count.samples.delivered
-            time.sleep(_POLL)
-            link.status()
 
 
 def _whole(measure: Callable[[], T]) -> T:

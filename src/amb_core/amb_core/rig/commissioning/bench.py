@@ -16,7 +16,14 @@ from amb_core.rig.commissioning.tones import ToneSet, generator_of
 from amb_core.rig.link import TelemetryBlock
 from amb_core.rig.link.answers import TargetStatus
 from amb_core.rig.link.layout import TargetState
-from amb_core.rig.link.link import LinkListener, TargetDescription, TargetLink, TargetSettings
+from amb_core.rig.link.link import (
+    LevitatedError,
+    LinkListener,
+    RebootedError,
+    TargetDescription,
+    TargetLink,
+    TargetSettings,
+)
 
 SMALL = 0.02
 """Peak of control currents before the first lift-off, over the bias current: with an amplifier of twice its gain, too,
@@ -29,11 +36,13 @@ class Samples(LinkListener):
     """What has come from the target."""
 
     blocks: list[TelemetryBlock] = field(default_factory=list)
+    reached: int = 0
     rebooted: bool = False
 
     def on_samples(self, block: TelemetryBlock) -> None:
         """Keep them."""
         self.blocks.append(block)
+        self.reached = block.first_step + block.steps
 
     def on_status(self, status: TargetStatus) -> None:
         """The status is asked for."""
@@ -48,6 +57,10 @@ class Samples(LinkListener):
 
 class LostSamplesError(TargetError):
     """Telemetry was lost: nothing is known about the rig."""
+
+
+DISTURBANCES = (LostSamplesError, RebootedError, LevitatedError)
+"""Errors that are no fault of the rig."""
 
 
 class Bench:
@@ -66,6 +79,8 @@ class Bench:
     ----------
     description : TargetDescription
         Of the target.
+    has_levitated : bool
+        Whether this object has levitated the rotor and not landed it since; it lands no other.
     """
 
     def __init__(
@@ -75,6 +90,7 @@ class Bench:
         wait: Callable[[int], None],
     ) -> None:
         self._link, self._wait, self._samples = link, wait, Samples()
+        self._step, self.has_levitated = 0, False
         self.description = link.connect(self._samples)
         self.machine = self.description.machine
         self._settings = settings_of(self.description)
@@ -84,6 +100,11 @@ class Bench:
         """Sample rate (Hz)."""
         return self.machine.sample_rate
 
+    @property
+    def reached(self) -> int:
+        """The step after the last sample that has come: all before it have, or were lost."""
+        return self._samples.reached
+
     def status(self) -> TargetStatus:
         """The state of the target now.
 
@@ -91,8 +112,18 @@ class Bench:
         -------
         TargetStatus
             State, trips and counts of the target.
+
+        Raises
+        ------
+        RebootedError
+            If it has been started anew since it was connected.
         """
-        return self._link.status()
+        status = self._link.status()
+        if self._samples.rebooted or status.step < self._step:
+            self.has_levitated = False  # nobody's loop outlasts a boot
+            raise RebootedError
+        self._step = status.step
+        return status
 
     def record(self, seconds: float, first: int | None = None) -> LoopRecord:
         """Samples from now on, or from a step on.
@@ -114,7 +145,7 @@ class Bench:
         LostSamplesError
             If some were lost.
         """
-        begin = self._link.status().step if first is None else first
+        begin = self.status().step if first is None else first
         steps = round(seconds * self.rate)
         self._wait(begin + steps)
         return self.past(begin, steps)
@@ -177,17 +208,19 @@ class Bench:
         ------
         TargetError
             If the target trips, or telemetry is lost.
+        LevitatedError
+            If another host levitates the rotor.
         """
         bias = max(self.machine.axes[axis].bias_current, 0.1)
         peak = SMALL * bias
         model = generator_of(tones, axis, len(self.machine.axes), peak, self.rate)
         law = LinearControl(model, LinearControllerParameters(current_limit=1.01 * peak))
         self.configure(law, 1.01 * peak)
-        self._link.levitate(_RAMP)
+        self._lift(_RAMP)
         try:
-            return self.record(window, self._link.status().step + round(settle * self.rate))
+            return self.record(window, self.status().step + round(settle * self.rate))
         finally:
-            self._link.land(0.0)
+            self.off()
 
     def configure(self, controller: KnownController, current: float) -> None:
         """Use this controller, with this limit on its currents (A).
@@ -198,7 +231,13 @@ class Bench:
             Controller of the target.
         current : float
             Limit of the control currents (A); that of the settings if it is lower.
+
+        Raises
+        ------
+        LevitatedError
+            If the rotor is levitated: settings are not for the loop of another host.
         """
+        self._require_rest()
         limits = replace(self._settings.limits, control_current=min(current, self._settings.limits.control_current))
         self._link.configure(replace(self._settings, controller=controller, limits=limits))
 
@@ -216,11 +255,28 @@ class Bench:
         -------
         LoopRecord
             The loop from the command to the end of the rest, or to a trip.
+
+        Raises
+        ------
+        LevitatedError
+            If another host levitates the rotor.
         """
         self.configure(self._settings.controller, self._settings.limits.control_current)
-        first = self._link.status().step
-        self._link.levitate(seconds)
+        first = self._lift(seconds)
         return self.record(seconds + rest, first)
+
+    def _lift(self, seconds: float) -> int:
+        """Levitate; the step before."""
+        status = self._require_rest()
+        self.has_levitated = True  # also if the reply is lost
+        self._link.levitate(seconds)
+        return status.step
+
+    def _require_rest(self) -> TargetStatus:
+        status = self.status()
+        if status.currents_on:
+            raise LevitatedError
+        return status
 
     def excite(self, samples: NDArray[np.float64]) -> LoopRecord:
         """Play an excitation (m), shape (steps, axes); its samples.
@@ -241,7 +297,7 @@ class Bench:
             If the target refuses it, or trips.
         """
         arm = self._link.upload(samples)
-        first = self._link.status().step + round(0.1 * self.rate)
+        first = self.status().step + round(0.1 * self.rate)
         arm(first)
         self._wait(first + len(samples) + 20)  # until it has ended
         return self.past(first, len(samples))
@@ -249,19 +305,25 @@ class Bench:
     @property
     def levitated(self) -> bool:
         """Whether the rotor is levitated, and has arrived."""
-        return self._link.status().state is TargetState.LEVITATED
+        return self.status().state is TargetState.LEVITATED
 
     def off(self) -> None:
-        """All currents off, at once."""
-        self._link.land(0.0)
+        """All currents off, at once, if this object has levitated the rotor."""
+        self.status()  # of the same boot
+        if self.has_levitated:
+            self._link.land(0.0)
+            self.has_levitated = False
 
     def land(self, seconds: float) -> None:
-        """Land, and wait for it.
+        """Land what this object has levitated, and wait for it.
 
         Parameters
         ----------
         seconds : float
             Duration of the landing (s).
         """
-        self._link.land(seconds)
-        self._wait(self._link.status().step + round((seconds + 0.1) * self.rate))
+        if self.has_levitated:
+            if self.status().currents_on:
+                self._link.land(seconds)
+                self._wait(self.status().step + round((seconds + 0.1) * self.rate))
+            self.has_levitated = self.status().currents_on

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from amb_core.ground.errors import TargetError
 from amb_core.loop.records import LoopRecord
-from amb_core.rig.commissioning.bench import Bench, LostSamplesError
+from amb_core.rig.commissioning.bench import DISTURBANCES, Bench
 from amb_core.rig.commissioning.expected import Expected
 from amb_core.rig.commissioning.finding import Finding
 from amb_core.rig.commissioning.first_lift import REST, levitated
@@ -26,6 +26,7 @@ from amb_core.rig.commissioning.sensors_at_rest import (
     resolution_findings,
     stiff_sensors,
 )
+from amb_core.rig.commissioning.settings import CommissioningSettings
 
 Hand = Callable[[Bench], Mapping[str, Mapping[str, NDArray[np.float64]]]]
 """Has the rotor pushed by hand in every bearing, see `hand_findings`; returns the measured positions."""
@@ -80,7 +81,9 @@ def diagnose(bench: Bench, expected: Expected | None, hand: Hand | None = None, 
     return result
 
 
-def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = None) -> Diagnosis:
+def before_lift(
+    bench: Bench, expected: Expected | None, hand: Hand | None = None, settings: CommissioningSettings | None = None
+) -> Diagnosis:
     """Find what can be found while the rotor lies on its backup bearing.
 
     Parameters
@@ -92,6 +95,8 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
     hand : Hand, optional
         Has the rotor moved by hand; returns the measured positions (m), shape (steps, axes), by bearing and push.
         Without it, sensors and coils that are both reversed are not noticed.
+    settings : CommissioningSettings, optional
+        Largest noise and radius of the resting rotor; by default the defaults.
 
     Returns
     -------
@@ -99,7 +104,7 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
         The faults found, and what was not checked.
     """
     result = Diagnosis()
-    rest = at_rest(bench, hand, result)
+    rest = at_rest(bench, hand, result, settings or CommissioningSettings())
     if expected is None:
         result.unchecked.append("gains, angles and delays, since the parameter file has no model of the machine")
     if rest is None:
@@ -107,7 +112,7 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
     dead = [axis for one in result.findings if one.fault == "sensor dead" for axis in one.axes]
     try:
         result.findings += on_the_backup_bearing(bench, expected, hand is not None, result.findings, dead, rest)
-    except LostSamplesError:
+    except DISTURBANCES:
         raise
     except TargetError as problem:
         bench.off()
@@ -119,7 +124,7 @@ def before_lift(bench: Bench, expected: Expected | None, hand: Hand | None = Non
     return result
 
 
-def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis) -> LoopRecord | None:
+def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis, settings: CommissioningSettings) -> LoopRecord | None:
     """Trips, noise, resting place, and the rotor moved by hand; None if nothing can go on."""
     names = bench.machine.axis_names
     if trips := bench.status().trips:
@@ -127,7 +132,7 @@ def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis) -> LoopRecord | 
         if any(trip.reason.name != "SENSOR_RANGE" for trip in trips):
             return None
     record = bench.record(REST)
-    result.findings += noise_findings(record.position, names)
+    result.findings += noise_findings(record.position, names, settings.noise)
     if any(one.fault == "sensor silent" for one in result.findings):
         result.findings = [one for one in result.findings if one.fault != "target trips"]
         return None
@@ -143,6 +148,6 @@ def at_rest(bench: Bench, hand: Hand | None, result: Diagnosis) -> LoopRecord | 
         stuck = [
             Finding("sensor dead", (names[axis],), "it repeats one value") for axis in stiff_sensors(record.position)
         ]
-        by_hand = stuck or place_findings(record.position.mean(axis=0), bench.machine)
+        by_hand = stuck or place_findings(record.position.mean(axis=0), bench.machine, settings.rest_share)
     result.findings += by_hand
     return None if any(one.fault in UNCLEAR for one in result.findings) else record

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from amb_core.ground.errors import TargetError
 from amb_core.ground.units import UM
 from amb_core.loop.records import LoopRecord
-from amb_core.rig.commissioning.bench import Bench, LostSamplesError
+from amb_core.rig.commissioning.bench import DISTURBANCES, Bench
 from amb_core.rig.commissioning.both_ways import TURN, late_findings, noise_when_on, turn_of
 from amb_core.rig.commissioning.dynamics import AxisDynamics, axis_dynamics
 from amb_core.rig.commissioning.expected import Expected
@@ -46,7 +46,7 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
     try:
         rest = bench.record(REST)
         record = bench.levitate(ramp, REST)
-    except LostSamplesError:
+    except DISTURBANCES:
         bench.off()
         raise
     except TargetError as problem:
@@ -61,7 +61,7 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
     if not findings and expected is not None:
         try:
             findings = _of_dynamics(bench, expected, still, moved)
-        except LostSamplesError:
+        except DISTURBANCES:
             bench.off()
             raise
         except TargetError as problem:

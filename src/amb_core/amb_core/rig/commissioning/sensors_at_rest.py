@@ -12,10 +12,8 @@ from amb_core.loop.machine import Machine
 from amb_core.rig.commissioning.finding import Finding
 from amb_core.rig.commissioning.levitation import clearance_of
 
-NOISE = 2e-6  # m, rms
 STEP = 0.5e-6  # m: largest step of a converter
 _LINE = 0.6  # share of the variance in one line of the spectrum: mains, not noise
-_PLACE = 1.25  # resting radius over clearance; bearings have play
 _SCALE = 0.25  # relative error of a gain
 _TURN = 8.0  # deg
 _STILL = 0.15  # of the clearance: less motion by hand is none
@@ -24,7 +22,7 @@ PUSHES = {"+x": 0.0, "+y": 90.0, "-x": 180.0, "-y": 270.0}
 """Directions in which the rotor is pushed by hand, in the plane of a bearing (deg)."""
 
 
-def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> list[Finding]:
+def noise_findings(position: NDArray[np.float64], names: tuple[str, ...], allowed: float) -> list[Finding]:
     """Sensors of a rotor that lies still.
 
     Parameters
@@ -33,6 +31,8 @@ def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> lis
         Measured positions (m), at least a tenth of a second.
     names : tuple of str
         Of the axes.
+    allowed : float
+        Largest noise (m, rms).
     """
     findings = []
     for axis, name in enumerate(names):
@@ -45,10 +45,10 @@ def noise_findings(position: NDArray[np.float64], names: tuple[str, ...]) -> lis
         noise = float(values.std())
         if coarse := resolution_findings(position[:, axis : axis + 1], (name,)):
             findings += coarse
-        elif noise > NOISE or (_line(values) > _LINE and noise > 0.25 * NOISE):
+        elif noise > allowed or (_line(values) > _LINE and noise > 0.25 * allowed):
             line = _line(values) > _LINE
             cause = "a line of the mains: a ground loop" if line else "a loose shield, or an amplifier that switches"
-            text = f"{UM * noise:.3g} um rms with the currents off; allowed: {UM * NOISE:g} um; {cause}"
+            text = f"{UM * noise:.3g} um rms with the currents off; allowed: {UM * allowed:g} um; {cause}"
             findings.append(Finding("sensor hum" if line else "sensor noise", (name,), text))
     return findings
 
@@ -72,7 +72,7 @@ def _line(values: NDArray[np.float64]) -> float:
     return float(power[max(peak - 2, 0) : peak + 3].sum() / max(power.sum(), 1e-300))
 
 
-def place_findings(rest: NDArray[np.float64], machine: Machine) -> list[Finding]:
+def place_findings(rest: NDArray[np.float64], machine: Machine, share: float) -> list[Finding]:
     """Where the rotor lies, by its sensors: within the clearance, and below the centre.
 
     Parameters
@@ -81,13 +81,15 @@ def place_findings(rest: NDArray[np.float64], machine: Machine) -> list[Finding]
         Mean positions (m).
     machine : Machine
         Axes and clearances.
+    share : float
+        Largest resting radius over clearance.
     """
     findings = []
     for bearing in (each.name for each in machine.bearings):
         axes = machine.columns_of(bearing)
         clearance = clearance_of(machine, bearing)
         radius = float(np.linalg.norm(rest[axes]))
-        if radius <= _PLACE * clearance:
+        if radius <= share * clearance:
             continue
         names = tuple(machine.axis_names[axis] for axis in axes)
         text = (
