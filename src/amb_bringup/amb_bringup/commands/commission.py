@@ -17,6 +17,7 @@ from amb_bringup.commands.inputs import parameter_file
 from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
+from amb_bringup.exit_codes import CHECK_FAILED
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
 from amb_bringup.graph.node_parameters import check_parameter_file
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from amb_bringup.experiments.commissioning import Session
 
 FILES = ("protocol.html", "protocol.json", "report.html", "model.json")
-FAILED = 3  # exit code
 
 
 @declared_options({"Excitations and limits": [CommissioningSettings]})
@@ -93,10 +93,10 @@ def commission(
         finally:
             _write(session, out)
     if report and (out / "bag").exists() and not session.protocol.failed:
-        write_report(recording_report(Recording.read(out / "bag"), None, "auto"), out / "report.html")
+        write_report(recording_report(Recording.read(out / "bag"), None, session.order), out / "report.html")
     console.print(f"protocol.html, protocol.json, figures, bag: {out}")
     if session.protocol.failed:
-        raise typer.Exit(FAILED)
+        raise typer.Exit(CHECK_FAILED)
 
 
 def _confirm(question: str) -> bool:

@@ -107,7 +107,8 @@ def order_of_rig(axes: int) -> int | Literal["auto"]:
     """Order of a model of a rig, with the noise of its sensors.
 
     States beyond those that the data of one bearing show become poles of noise, unstable ones too: `auto` stops before.
-    With more axes `auto` compares some forty orders for minutes; the least one that `order_for` gives is taken instead.
+    With more axes `auto`, which compares the orders 1 to 14, takes many minutes; the least order that `order_for` gives
+    is taken instead.
 
     Parameters
     ----------
