@@ -42,6 +42,25 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_data_are_read(comm
     assert "cannot be written to" in refusal(*command, "--out", out, "--overwrite")
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("commission", "--yes", "--emulator"),
+        ("rig", "up", "--emulator"),
+        ("rig", "demo"),
+        ("experiment", "multisine", "--amplitude", "1um", "--rig", "--emulator"),
+    ],
+)
+@pytest.mark.parametrize("address", ["192.0.2.7", "serial:/dev/ttyACM0"])
+def test_an_emulated_target_beside_a_link_to_a_rig_is_refused(
+    command: tuple[str, ...], address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"/amb/hardware_bridge:\n  ros__parameters:\n    link: {{address: '{address}'}}\n")
+    assert f"link.address = '{address}' is not allowed with an emulated target" in refusal(*command, "--params", path)
+
+
 def test_an_excitation_that_the_simulator_would_refuse_is_refused_without_it() -> None:
     band = {"amplitude": 1e-6, "duration": 1.0, "frequency_end": 50e3}
     too_high = Experiment("one", excitation_from_request("multisine", band))

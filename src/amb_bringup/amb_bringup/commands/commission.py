@@ -19,7 +19,7 @@ from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import CHECK_FAILED
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
-from amb_bringup.graph.node_parameters import check_parameter_file
+from amb_bringup.graph.node_parameters import check_parameter_file, require_emulated_target
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
 from amb_core.ground.parameters import part_of, validate
 from amb_core.ground.version import __version__
@@ -68,6 +68,8 @@ def commission(
     console = Terminal()
     path = parameter_file(params).absolute()
     check_parameter_file(path)
+    if emulator:
+        require_emulated_target(path)
     settings = validate(CommissioningSettings, given)
     bridge = _bridge(path)
     expected = _expected(path, bridge)

@@ -36,6 +36,10 @@ def up(
     landed, unless the parameter `at_exit` of hardware_bridge leaves it levitated.
     """
     choose_network(network)
+    if emulator and params is not None:
+        from amb_bringup.graph.node_parameters import require_emulated_target
+
+        require_emulated_target(params)
     arguments = {"emulator": str(emulator).lower()}
     keep_running(lambda: shown_graph("rig", arguments, params), _readiness)
 
@@ -139,11 +143,12 @@ def demo(
     from amb_bringup.commands.results import make_folder
     from amb_bringup.demos.rig_demo import run_rig_demo
     from amb_bringup.graph.launcher import own_domain
-    from amb_bringup.graph.node_parameters import check_parameter_file
+    from amb_bringup.graph.node_parameters import check_parameter_file, require_emulated_target
 
     console = Terminal()
     path = parameter_file(params).absolute()
     check_parameter_file(path)  # a wrong file must not delete the results of an earlier session
+    require_emulated_target(path)
     make_folder(out)
     shutil.rmtree(out / "bag", ignore_errors=True)
     for name in ("model.json", "report.html", "summary.json"):

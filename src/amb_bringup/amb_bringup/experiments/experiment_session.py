@@ -11,6 +11,7 @@ from pathlib import Path
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.client.experiment import Experiment, ExperimentRun, graph_runs
 from amb_bringup.graph.launcher import Graph, launch_file, own_domain
+from amb_bringup.graph.node_parameters import require_emulated_target
 from amb_bringup.graph.packages import share_folder
 from amb_core.excitation.signal import steps_of
 from amb_core.ground.files.parameter_files import NODES, RIG_NODES
@@ -69,6 +70,8 @@ def run_session(
 
 @contextmanager
 def _graph(choice: GraphChoice, experiments: Sequence[Experiment], progress: Progress) -> Iterator[AmbClient]:
+    if choice.emulator and choice.params is not None:
+        require_emulated_target(choice.params)
     progress("graph", 0, 1)
     with AmbClient(timeout=PATIENCE, nodes=()) as amb:
         running = graph_runs(amb)

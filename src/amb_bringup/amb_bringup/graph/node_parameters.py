@@ -48,3 +48,23 @@ def check_parameter_file(path: str | Path) -> None:
                 controller.require_axes(axes)
     except ParameterError as problem:
         raise ParameterError(f"{path}: {problem}") from None
+
+
+def require_emulated_target(path: str | Path) -> None:
+    """Refuse a parameter file whose bridge would command another target than the one that is emulated here.
+
+    Raises
+    ------
+    ParameterError
+        If the link of the bridge leads to another machine, or to a device.
+    """
+    bridge = load_parameters(BridgeParameters, path, "hardware_bridge")
+    emulator = load_parameters(TargetEmulatorParameters, path, "target_emulator")
+    address, kind = bridge.link.address, bridge.link.kind
+    serial = address.startswith("serial:")
+    here = address.startswith("127.") or address in ("localhost", emulator.address)
+    if kind == "amb_udp" and not here and not (serial and emulator.address.startswith("serial:")):
+        raise ParameterError(
+            f"{path}: hardware_bridge: link.address = {address!r} is not allowed with an emulated target, which is at "
+            f"{emulator.address}; the bridge would command another one"
+        )
