@@ -370,6 +370,10 @@ def test_a_killed_bridge_leaves_the_rotor_levitated_and_the_next_one_takes_over_
     rig = Rig(graph)
     first = rig.levitate()
     killed_and_started_again()
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as amb:
+        with pytest.raises(ClientError, match="levitated already"):
+            RigStand(amb, lambda *_: None).prepare()  # of an experiment, which would land the rotor at its end
+        amb.rig.disconnect()
     second = rig.levitate()
     assert second > first
     assert rig.state.mode == BridgeState.LEVITATED

@@ -19,7 +19,7 @@ from amb_core.ground.errors import AmbError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.parameters import SIMULATOR
 from amb_core.ground.progress import Progress
-from amb_msgs.msg import SimulatorState
+from amb_msgs.msg import BridgeState, SimulatorState
 from amb_ros import interruptions
 from amb_ros.machine import MachineInput
 
@@ -137,11 +137,22 @@ class RigStand(Stand):
     """The rig behind a hardware bridge: one run from levitation to landing."""
 
     def prepare(self) -> None:
-        """Connect to the target, unless that is done."""
-        if self._amb.rig.life_cycle() == "unconfigured":
+        """Connect to the target, unless that is done; ClientError if another host levitates the rotor."""
+        rig = self._amb.rig
+        if rig.life_cycle() == "unconfigured":
             self._progress("connect", 0, 1)
-            self._amb.rig.connect()
+            rig.connect()
             self._progress("connect", 1, 1)
+        if rig.is_up():
+            return
+        self._amb.wait_until(
+            lambda: rig.wait_for_state().mode != BridgeState.UNREACHABLE, complaint="the target does not answer"
+        )
+        if rig.wait_for_state().mode in (BridgeState.LEVITATING, BridgeState.LEVITATED):
+            raise ClientError(
+                "the rotor is levitated already, by another host or an earlier bridge; land it first, or take it over "
+                "with amb rig levitate"
+            )
 
     def levitate(self) -> None:
         """Levitate, unless the rotor is up."""
