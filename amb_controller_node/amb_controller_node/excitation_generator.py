@@ -4,7 +4,8 @@ A request is checked and published as a definition. The controller makes the sam
 that they are the same. The response waits for the controller's answer: only the controller knows the next step.
 
 The topic is latched: a controller that starts later takes what was published last. So a start that fails takes back
-what it published, and a stop does not wait: it calls off every start that arrived before it.
+what it published, and a stop does not wait for starts: it calls off every one that arrived before it. Stops that wait
+are answered together, since a client asks again.
 """
 
 from __future__ import annotations
@@ -67,10 +68,12 @@ class ExcitationGeneratorNode(Node):
         self._settings = declare(self, GeneratorParameters)
         self._run = 0
         self._run_known = threading.Event()
-        self._publishing = threading.Lock()  # of id, stops, awaited and active
+        self._publishing = threading.Lock()  # of id, stops, open stop, awaited, starting and active
         self._first_id = self._id = secrets.randbelow(HIGHEST_FIRST_ID)
         self._stops = 0  # requests to stop that have arrived
+        self._open_stop: Future[str] | None = None  # why it failed; None also once an excitation has followed it
         self._awaited: dict[int, Future[ExcitationStatus]] = {}
+        self._starting: Future[ExcitationStatus] | None = None  # the answer that a start awaits
         self._active: Excitation | None = None  # the last one that was accepted, until a stop
         self._wall_clock = Clock(clock_type=ClockType.SYSTEM_TIME)
         self._publisher = self.create_publisher(Excitation, topics.EXCITATION, LATCHED)
@@ -91,7 +94,7 @@ class ExcitationGeneratorNode(Node):
             ThreadPoolExecutor(1, thread_name_prefix=name) for name in ("start", "stop", "preview")
         )
         create_service(self, StartExcitation, "~/start", self._on_start, starter, lambda _request: (self._stops,))
-        create_service(self, StopExcitation, "~/stop", self._on_stop, stopper, self._call_off)
+        create_service(self, StopExcitation, "~/stop", self._on_stop, stopper, self._on_stop_arrival)
         create_service(self, PreviewExcitation, "~/preview", self._on_preview, previewer)
         self._diagnostics = diagnostics.DiagnosticsReporter(self, self._report, exclusive=(topics.EXCITATION_STATUS,))
 
@@ -116,16 +119,35 @@ class ExcitationGeneratorNode(Node):
         response.steps = status.steps
         return response
 
-    def _call_off(self, _request: StopExcitation.Request) -> tuple[()]:
-        """Call off, when a stop arrives, the starts that arrived before it."""
+    def _on_stop_arrival(self, _request: StopExcitation.Request) -> tuple[Future[str]]:
+        """Call off the starts that arrived before a stop; it is one with a stop that is not answered yet."""
         with self._publishing:
             self._stops += 1
-            for answer in self._awaited.values():
-                if not answer.done():
-                    answer.set_exception(ExcitationError(CALLED_OFF))
-        return ()
+            if self._starting is not None and not self._starting.done():
+                self._starting.set_exception(ExcitationError(CALLED_OFF))
+            if self._open_stop is None:
+                self._open_stop = Future()
+            return (self._open_stop,)
 
-    def _on_stop(self, _request: StopExcitation.Request, response: StopExcitation.Response) -> StopExcitation.Response:
+    def _on_stop(
+        self, _request: StopExcitation.Request, response: StopExcitation.Response, stop: Future[str]
+    ) -> StopExcitation.Response:
+        if not stop.done():
+            problem = ""
+            try:
+                self._carry_out_stop()
+            except ExcitationError as refusal:
+                problem = str(refusal)
+            with self._publishing:
+                if self._open_stop is stop:
+                    self._open_stop = None
+                stop.set_result(problem)
+        if problem := stop.result():
+            raise ExcitationError(problem)
+        response.success = True
+        return response
+
+    def _carry_out_stop(self) -> None:
         message = _stop(self._current_run())
         with self._publishing:
             answer = self._publish(message)
@@ -133,8 +155,6 @@ class ExcitationGeneratorNode(Node):
         if not status.accepted:
             raise ExcitationError(status.message)
         self._keep(message, status)
-        response.success = True
-        return response
 
     def _on_preview(
         self, request: PreviewExcitation.Request, response: PreviewExcitation.Response
@@ -224,7 +244,7 @@ class ExcitationGeneratorNode(Node):
         with self._publishing:
             if self._stops != stops:
                 raise ExcitationError(CALLED_OFF)
-            answer = self._publish(message)
+            answer = self._starting = self._publish(message)
         try:
             status = self._answer_to(message, answer, timeout)
         except ExcitationError:
@@ -243,6 +263,8 @@ class ExcitationGeneratorNode(Node):
         message.header.stamp = self._wall_clock.now().to_msg()
         if message.kind == STOP:
             self._active = None  # answered or not: nobody may take up again what it has ended
+        else:
+            self._open_stop = None  # stops that arrive from now on are to end this one
         answer = self._awaited[self._id] = Future()
         self._publisher.publish(message)
         return answer

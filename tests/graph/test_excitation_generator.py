@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from rcl_interfaces.srv import GetParameters
 
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
@@ -40,6 +41,7 @@ class Controlled:
         node.create_subscription(Excitation, "/amb/excitation", self._on_excitation, EVERY_STATE)
         self._process = self._start_generator()
         self._start = node.create_client(StartExcitation, "/amb/excitation_generator/start")
+        self._stop = node.create_client(StopExcitation, "/amb/excitation_generator/stop")
         graph.wait_until(self._status.get_subscription_count, "the generator")
 
     def _start_generator(self) -> NodeProcess:
@@ -82,6 +84,14 @@ class Controlled:
     def stop(self) -> Any:
         return self.graph.call(StopExcitation, "/amb/excitation_generator/stop")
 
+    def ask_to_stop(self) -> Any:
+        """A stop whose answer the test does not wait for."""
+        return self._stop.call_async(StopExcitation.Request())
+
+    def all_asked_has_arrived(self) -> None:
+        """Wait until the generator has all requests so far: one after them is answered, by another service."""
+        self.graph.call(GetParameters, "/amb/excitation_generator/get_parameters")
+
     def latched(self) -> Excitation:
         """What a controller gets that starts now."""
         late: list[Excitation] = []
@@ -114,6 +124,48 @@ def test_a_stop_is_answered_while_starts_wait_and_calls_them_off(generator: Cont
     assert kinds.count("square") == 1
     assert kinds[-1] == "stop"
     assert generator.latched().kind == "stop"
+
+
+def test_stops_that_wait_are_answered_together(generator: Controlled) -> None:
+    """A client asks again where an answer takes its time, and takes the first that comes."""
+    generator.answers = lambda _: None
+    stops = [generator.ask_to_stop()]
+    generator.graph.wait_until(lambda: generator.heard, "the stop")
+    stops.append(generator.ask_to_stop())
+    generator.all_asked_has_arrived()
+    assert not any(stop.done() for stop in stops)
+    generator.end(generator.heard[0].id)
+    generator.graph.wait_until(lambda: all(stop.done() for stop in stops), "the answers of the stops")
+    assert [stop.result().message for stop in stops] == ["", ""]
+    assert len({message.id for message in generator.heard}) == 1
+
+
+def test_a_stop_after_a_start_is_another_one_than_the_stop_before_it(generator: Controlled) -> None:
+    generator.answers = lambda _: None
+    before = generator.ask_to_stop()
+    generator.graph.wait_until(lambda: generator.heard, "the stop")
+    start = generator.ask_to_start()
+    generator.graph.wait_until(lambda: len(generator.heard) == 2, "the excitation")
+    generator.answers = lambda message: message.kind == "stop"
+    after = generator.ask_to_stop()
+    generator.graph.wait_until(start.done, "the answer of the start")
+    assert start.result().message == "called off by a stop"
+    generator.end(generator.heard[0].id)
+    generator.graph.wait_until(lambda: before.done() and after.done(), "the answers of the stops")
+    assert before.result().success
+    assert after.result().success
+    assert generator.latched().id == generator.heard[-1].id
+    assert generator.heard[-1].id > generator.heard[1].id, "after the start"
+
+
+def test_stops_without_a_controller_all_say_so(graph: Graph) -> None:
+    generator = Controlled(graph, answer_timeout=1.0)
+    graph.wait_until(lambda: generator.asked().success, "a generator that knows the run")
+    generator.answers = lambda _: None
+    stops = [generator.ask_to_stop(), generator.ask_to_stop()]
+    graph.wait_until(lambda: all(stop.done() for stop in stops), "the answers of the stops")
+    for stop in stops:
+        assert "is the controller running?" in stop.result().message
 
 
 def test_a_refused_start_leaves_what_plays(generator: Controlled) -> None:
