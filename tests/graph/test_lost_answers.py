@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -18,6 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.client.connection import GraphConnection
+from amb_bringup.client.experiment import SimulatorStand
 from amb_core.ground.errors import ParameterError
 from amb_core.recording import Recording
 from amb_msgs.action import BuildMap
@@ -263,3 +265,26 @@ def test_an_excitation_without_an_answer_is_stopped(graph: Graph, monkeypatch: p
         with pytest.raises(ClientError, match="no answer from /amb/excitation_generator/start"):
             client.start_excitation("square", amplitude=1e-6, duration=0.1)
     assert stopped
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ("", ""),
+        ("nothing is being recorded", r"no answer from /amb/recorder/stop .*; then: .*nothing is being recorded"),
+    ],
+    ids=["an open bag", "a closed bag"],
+)
+def test_a_recorder_that_does_not_answer_is_asked_once_more_to_close_the_bag(
+    graph: Graph, second: str, said: str
+) -> None:
+    def stop(_: Any, response: Any) -> Any:
+        response.success, response.message = not second, second
+        return response
+
+    asked = _lose_answers(graph.node.create_service(StopRecording, "/amb/recorder/stop", stop), 1)
+    with AmbClient(domain_id=graph.domain, timeout=1.0, nodes=()) as client:
+        client.wait_until(lambda: client.node.count_services("/amb/recorder/stop") > 0, timeout=TIMEOUT)
+        with pytest.raises(ClientError, match=said) if said else contextlib.nullcontext():
+            SimulatorStand(client, lambda *_: None).close_recording(1, 100)
+    assert len(asked) == 2

@@ -18,6 +18,8 @@ from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
+from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.client.experiment import SimulatorStand
 from amb_core.ground.errors import BagError
 from amb_core.recording import Recording
 from amb_ident_node.recorded_topics import REGION_MESSAGES
@@ -170,6 +172,18 @@ def test_telemetry_that_does_not_come_is_missing(recorded: Loop) -> None:
 
 
 def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(recorded: Loop) -> None:
+def test_the_end_of_an_experiment_says_what_its_bag_lacks(recorded: Loop) -> None:
+    recorded.start_bag("of an experiment")
+    recorded.publish_blocks(1, 0, 3)
+    recorded.publish_blocks(1, 5, 8)
+    with AmbClient(domain_id=recorded.graph.domain, timeout=TIMEOUT, nodes=()) as amb:
+        stand = SimulatorStand(amb, lambda *_: None)
+        with pytest.raises(
+            ClientError, match=r"recorder/stop: telemetry of run 1 lacks steps 300 to 499 \(200 steps\)$"
+        ):
+            stand.close_recording(1, 8 * BLOCK)
+
+
     recorded.start_bag("began")
     recorded.publish_blocks(1, 7, 9)
     recorded.publish_blocks(2, 1, 2)

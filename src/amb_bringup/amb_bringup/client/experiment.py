@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.connection import ClientError, NoAnswerError
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import Excitation
 from amb_core.ground.errors import AmbError
@@ -94,11 +94,17 @@ class Stand(ABC):
         """Bring the rotor to rest. Returns run and step that telemetry has reached."""
 
     def close_recording(self, run: int, step: int) -> None:
-        """Close the bag once it has everything up to a step, or without waiting if that does not come."""
+        """Close the bag once it has everything up to a step; ClientError, with what is missing, if that does not come.
+
+        A recorder that answers has closed it, so only one that does not is asked again.
+        """
         try:
             self._amb.stop_recording(run, step)
-        except ClientError:
-            self._amb.stop_recording()
+        except NoAnswerError as silence:
+            try:
+                self._amb.stop_recording()
+            except ClientError as problem:
+                raise ClientError(f"{silence}; then: {problem}") from None
 
 
 class SimulatorStand(Stand):
