@@ -335,7 +335,7 @@ def _stop(run: int) -> Excitation:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(ExcitationGeneratorNode, args)
 
 

@@ -6,15 +6,15 @@ from amb_ros.startup import start
 
 
 def pd_controller() -> int:
-    """Run the node `pd_controller` until SIGINT or SIGTERM."""
+    """Run the node `pd_controller` until SIGINT, SIGTERM or SIGHUP."""
     return start("amb_controller_node.pd_controller")
 
 
 def state_space_controller() -> int:
-    """Run the node `state_space_controller` until SIGINT or SIGTERM."""
+    """Run the node `state_space_controller` until SIGINT, SIGTERM or SIGHUP."""
     return start("amb_controller_node.state_space_controller")
 
 
 def excitation_generator() -> int:
-    """Run the node `excitation_generator` until SIGINT or SIGTERM."""
+    """Run the node `excitation_generator` until SIGINT, SIGTERM or SIGHUP."""
     return start("amb_controller_node.excitation_generator")

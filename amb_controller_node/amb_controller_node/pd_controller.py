@@ -26,7 +26,7 @@ class PdControllerNode(ControllerNode):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(PdControllerNode, args)
 
 

@@ -69,7 +69,7 @@ def _compile() -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(StateSpaceControllerNode, args)
 
 

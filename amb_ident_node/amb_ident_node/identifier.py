@@ -223,7 +223,7 @@ class IdentifierNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(IdentifierNode, args)
 
 

@@ -316,7 +316,7 @@ def _saved(region_map: BuiltMap, path: Path) -> str:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(RegionMonitorNode, args)
 
 

@@ -415,7 +415,7 @@ def _is_up(status: TargetStatus) -> bool:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(partial(HardwareBridgeNode, args or sys.argv), args)
 
 

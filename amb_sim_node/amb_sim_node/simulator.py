@@ -383,7 +383,7 @@ def _compiled_plant(parameters: SimulatorParameters) -> Plant:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(SimulatorNode, args)
 
 

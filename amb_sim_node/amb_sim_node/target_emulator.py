@@ -144,7 +144,7 @@ class TargetEmulatorNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM."""
+    """Run the node until SIGINT, SIGTERM or SIGHUP."""
     return run_node(partial(TargetEmulatorNode, sys.argv if args is None else args), args)
 
 

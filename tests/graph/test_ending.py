@@ -18,6 +18,7 @@ from std_srvs.srv import Trigger
 from amb_bringup.graph.launch_file import NodeProcess as Launched
 from amb_bringup.graph.launcher import Graph as Launcher
 from amb_ros import shared_memory
+from amb_ros.interruptions import SIGNALS
 from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import SHARED_MEMORY
@@ -113,9 +114,14 @@ sys.exit(3)
 
 
 def handles_signals(process: NodeProcess) -> bool:
-    """Whether it has got as far as to end by itself on SIGTERM."""
-    (caught,) = (line for line in Path(f"/proc/{process.pid}/status").read_text().splitlines() if "SigCgt" in line)
-    return bool(int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1))
+    """Whether it has got as far as to end by itself on the last of the signals."""
+    return is_among(SIGNALS[-1], "SigCgt", process)
+
+
+def is_among(number: signal.Signals, signals: str, process: NodeProcess) -> bool:
+    """Whether a process catches (SigCgt) or ignores (SigIgn) a signal."""
+    (mask,) = (line for line in Path(f"/proc/{process.pid}/status").read_text().splitlines() if signals in line)
+    return bool(int(mask.split()[1], 16) & 1 << (number - 1))
 
 
 def makes_its_node(process: NodeProcess) -> bool:
@@ -125,7 +131,7 @@ def makes_its_node(process: NodeProcess) -> bool:
 
 
 def test_a_signal_while_a_node_starts_ends_it(graph: Graph) -> None:
-    moments = itertools.cycle(itertools.product([makes_its_node, handles_signals], [signal.SIGINT, signal.SIGTERM]))
+    moments = itertools.cycle(itertools.product([makes_its_node, handles_signals], SIGNALS))
     processes = {module: graph.start(module, anew=True) for module in NODES}
     waiting = [(process, *moment) for process, moment in zip(processes.values(), moments, strict=False)]
 
@@ -142,6 +148,13 @@ def test_a_signal_while_a_node_starts_ends_it(graph: Graph) -> None:
         process.wait_for_end(TIMEOUT)
     ends = {module: (process.returncode, process.said) for module, process in processes.items()}
     assert ends == dict.fromkeys(processes, (0, ""))
+
+
+def test_a_node_under_nohup_goes_on_when_its_terminal_is_closed(graph: Graph) -> None:
+    process = graph.start_command(["nohup", sys.executable, "-c", LEAVING])
+    graph.wait_until(lambda: "leaving" in graph.node.get_node_names(), "the node")
+    assert is_among(signal.SIGHUP, "SigIgn", process)
+    assert graph.stop(process)[0] == 0
 
 
 def test_a_process_that_does_not_end_shows_where_it_hangs(graph: Graph) -> None:

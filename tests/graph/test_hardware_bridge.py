@@ -426,11 +426,13 @@ def _reason_after_reset(rig: Rig) -> str:
     return str(rig.state.problem)
 
 
-@pytest.mark.parametrize("at_exit", ["land", "stay"])
-def test_at_its_end_it_lands_the_rotor_or_leaves_it_as_configured(graph: Graph, at_exit: str) -> None:
+@pytest.mark.parametrize(("at_exit", "by"), [("land", signal.SIGHUP), ("stay", signal.SIGINT)])
+def test_at_its_end_it_lands_the_rotor_or_leaves_it_as_configured(
+    graph: Graph, at_exit: str, by: signal.Signals
+) -> None:
     rig = Rig(graph, bridge={"at_exit": at_exit})
     rig.levitate()
-    code, said = graph.stop(rig.bridge)
+    code, said = graph.stop(rig.bridge, by)
     assert code == 0, said
     wanted = "off" if at_exit == "land" else "on"
     graph.wait_until(lambda: rig.values("target_emulator").get("amplifiers") == wanted, "the amplifiers")

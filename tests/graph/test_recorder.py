@@ -33,6 +33,7 @@ from amb_msgs.msg import (
     StateSpaceModel,
 )
 from amb_msgs.srv import StartRecording, StopRecording
+from amb_ros import interruptions
 from amb_ros.qos import HISTORY, LATCHED
 from tests.fuzz.hostile import DELIVERED
 from tests.graph.limits import TIMEOUT
@@ -171,7 +172,6 @@ def test_telemetry_that_does_not_come_is_missing(recorded: Loop) -> None:
     assert stopped.message == "telemetry of run 1 lacks steps 100 to 499 (400 steps)"
 
 
-def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(recorded: Loop) -> None:
 def test_the_end_of_an_experiment_says_what_its_bag_lacks(recorded: Loop) -> None:
     recorded.start_bag("of an experiment")
     recorded.publish_blocks(1, 0, 3)
@@ -184,6 +184,7 @@ def test_the_end_of_an_experiment_says_what_its_bag_lacks(recorded: Loop) -> Non
             stand.close_recording(1, 8 * BLOCK)
 
 
+def test_a_run_that_began_while_recording_must_be_there_from_its_first_step(recorded: Loop) -> None:
     recorded.start_bag("began")
     recorded.publish_blocks(1, 7, 9)
     recorded.publish_blocks(2, 1, 2)
@@ -224,7 +225,7 @@ def test_no_text_of_diagnostics_ends_the_recorder(recorded: Loop, text: str) -> 
     assert recorded.graph.process_of(RECORDER).poll() is None
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("by", interruptions.SIGNALS)
 def test_a_signal_closes_the_bag_and_the_exit_code_is_0(loop: Loop, graph: Graph, by: signal.Signals) -> None:
     process = graph.start(RECORDER)
     uri = loop.start_bag().uri

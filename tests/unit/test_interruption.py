@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from amb_bringup.graph.packages import find_executable
+from amb_ros.interruptions import SIGNALS
 
 ROOT = Path(__file__).parents[2]
 SETUPS = sorted([*ROOT.glob("amb_*/setup.py"), *ROOT.glob("src/*/setup.py")])
@@ -36,7 +37,7 @@ def interrupted(process: subprocess.Popen[str], number: signal.Signals = signal.
     return process.returncode, out, error
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_a_node_that_is_interrupted_while_it_imports_ends_in_silence(tmp_path: Path, number: signal.Signals) -> None:
     (tmp_path / "slow_node.py").write_text(SLOW_MODULE)
     process = python("from amb_ros.startup import start; start('slow_node')", tmp_path)
@@ -49,7 +50,7 @@ def test_amb_that_is_interrupted_while_it_imports_ends_with_one_line(tmp_path: P
     assert interrupted(process) == (130, "", "amb: interrupted\n")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_a_command_that_is_interrupted_ends_with_one_line(tmp_path: Path, number: signal.Signals) -> None:
     code = (
         "import sys, time\n"

@@ -15,11 +15,12 @@ from typer.main import get_command
 
 from amb_bringup.examples import with_examples
 from amb_bringup.exit_codes import INTERRUPTED
-from amb_bringup.startup import ending_signals, leaving_at_once
+from amb_bringup.startup import leaving_at_once
 from amb_core.ground.errors import AmbError, MissingExtraError
 from amb_core.ground.plain_text import plain_text
 from amb_core.ground.version import __version__
 from amb_ros import network
+from amb_ros.interruptions import ending_signals
 
 PASSING_ON = {"allow_extra_args": True, "allow_interspersed_args": False}
 COMMANDS = {

@@ -7,7 +7,8 @@ import gc
 import signal
 import sys
 
-from amb_bringup.startup import ending_signals, leave
+from amb_bringup.startup import leave
+from amb_ros.interruptions import ending_signals
 
 AT_EXIT = 30.0  # s, in which Python ends; a machine with thirty busy programs needs a few
 

@@ -6,5 +6,5 @@ from amb_ros.startup import start
 
 
 def composed_loop() -> int:
-    """Run the two nodes of the composed loop until SIGINT or SIGTERM."""
+    """Run the two nodes of the composed loop until SIGINT, SIGTERM or SIGHUP."""
     return start("amb_bringup.graph.composed_loop")

@@ -9,12 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from amb_bringup.exit_codes import INTERRUPTED
-
-
-def ending_signals() -> list[signal.Signals]:
-    """Signals that end a command: SIGINT, SIGTERM, SIGHUP; without those that are ignored, as SIGHUP under nohup."""
-    every = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    return [number for number in every if number is signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN]
+from amb_ros.interruptions import ending_signals
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Ctrl-C and the other signals that end a program, delayed during work that must not be interrupted."""
+"""Ctrl-C and the other signals that end a program: which they are, and their delay during work that must be done."""
 
 from __future__ import annotations
 
@@ -8,6 +8,14 @@ import threading
 from collections.abc import Iterator
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def ending_signals() -> list[signal.Signals]:
+    """Signals that end this process: `SIGNALS` without those that are ignored, as SIGHUP under nohup.
+
+    SIGINT is one in every case: shells ignore it in what they start in the background.
+    """
+    return [number for number in SIGNALS if number is signal.SIGINT or signal.getsignal(number) is not signal.SIG_IGN]
 
 
 @contextlib.contextmanager

@@ -1,7 +1,8 @@
-"""Life cycle of a node process: start, spin, end cleanly on SIGINT and SIGTERM."""
+"""Life cycle of a node process: start, spin, end cleanly on SIGINT, SIGTERM and SIGHUP."""
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import gc
 import os
@@ -22,13 +23,14 @@ from threadpoolctl import threadpool_limits
 
 from amb_core.ground.errors import AmbError
 from amb_ros import middleware, shared_memory
+from amb_ros.interruptions import ending_signals
 from amb_ros.leaving import leave_graph
 
 SPIN_TIMEOUT = 0.1  # s
 
 
 def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> NoReturn:
-    """Make the nodes, spin them on one EventsExecutor until SIGINT or SIGTERM, end the process.
+    """Make the nodes, spin them on one EventsExecutor until SIGINT, SIGTERM or SIGHUP, end the process.
 
     A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
     SIGUSR1 writes the stacks of all threads to stderr, for a process that hangs.
@@ -36,7 +38,7 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     threadpool_limits(1)  # small matrices: more BLAS threads would only take cores from the other nodes
     faulthandler.register(signal.SIGUSR1, all_threads=True)
     end = _End()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in ending_signals():
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
     shared_memory.remove_dead_segments()
@@ -47,8 +49,9 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
     shared_memory.remove(shared_memory.owned(os.getpid()))  # of a node that a thread still uses
     # Exit at once. Python would wait for threads whose results are no longer needed. Then destructors of libraries
     # would run while threads of other libraries are still running, which hung under load.
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for output in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError):  # of a terminal that has been closed
+            output.flush()
     os._exit(code)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from amb_bringup.startup import ending_signals
+from amb_ros.interruptions import ending_signals
 
 DEFAULT_PORT = 8765
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from amb_bringup.startup import ending_signals
+from amb_ros.interruptions import ending_signals
 
 if TYPE_CHECKING:
     from amb_bringup.view.server import ViewServer

@@ -11,7 +11,7 @@ from amb_sim_node.simulator import SimulatorNode
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run both nodes until SIGINT or SIGTERM."""
+    """Run both nodes until SIGINT, SIGTERM or SIGHUP."""
     return run_nodes([SimulatorNode, PdControllerNode], args)
 
 
