@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from amb_bringup.client import AmbClient, ClientError, Experiment
+from amb_bringup.client.experiment import RigStand, SimulatorStand, running_stand
 from amb_bringup.graph.launcher import Graph as LaunchedGraph
 from amb_bringup.graph.launcher import launch_file
 from amb_bringup.graph.packages import find_executable
@@ -73,6 +74,21 @@ def test_the_client_does_the_same_on_a_graph_that_runs(tmp_path: Path, own_domai
             assert len(fallen.runs) == 2
             with pytest.raises(ClientError, match="there is no experiment to carry out"):
                 amb.experiment([])
+
+
+def test_a_client_finds_the_graph_of_its_own_namespace_beside_another(graph: Graph) -> None:
+    graph.add_node("simulator", "/left")
+    graph.add_node("hardware_bridge", "/right")
+    with (
+        AmbClient("left", domain_id=graph.domain, timeout=TIMEOUT) as left,
+        AmbClient("right", domain_id=graph.domain, timeout=TIMEOUT) as right,
+    ):
+        for amb in (left, right):
+            amb.wait_until(lambda amb=amb: {"simulator", "hardware_bridge"} <= set(amb.node.get_node_names()))
+        stands = [type(running_stand(amb, lambda *_: None)) for amb in (left, right)]
+        assert stands == [SimulatorStand, RigStand]
+        with pytest.raises(ClientError, match="/right/simulator/run needs a simulator; this graph has a rig"):
+            right.run(1)
 
 
 @pytest.mark.slow

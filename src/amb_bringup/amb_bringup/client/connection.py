@@ -140,6 +140,17 @@ class GraphConnection:
                 raise ClientError(complaint)
             self.spin_once(0.05)
 
+    def node_names(self) -> set[str]:
+        """Nodes that run in the namespace of this connection; those of other graphs in its domain are left out.
+
+        Returns
+        -------
+        set of str
+            Their names, without the namespace.
+        """
+        space = self.node.get_namespace()
+        return {name for name, other in self.node.get_node_names_and_namespaces() if other == space}
+
     def spin_once(self, timeout: float = 0.1) -> None:
         """Process the next message.
 

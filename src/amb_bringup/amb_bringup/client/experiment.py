@@ -201,7 +201,7 @@ def running_stand(amb: LoopCalls, progress: Progress, patience: float | None = N
     nodes: list[str] = []
 
     def look() -> bool:
-        names = amb.node.get_node_names()
+        names = amb.node_names()
         nodes[:] = [name for name in (BRIDGE_NODE, SIMULATOR) if name in names]
         return bool(nodes)
 
@@ -210,7 +210,7 @@ def running_stand(amb: LoopCalls, progress: Progress, patience: float | None = N
 
 
 def graph_runs(amb: LoopCalls) -> bool:
-    """Whether a graph runs in the domain of a client."""
+    """Whether a graph runs in the domain and the namespace of a client."""
     try:
         running_stand(amb, lambda *_: None, APPEARANCE)
     except ClientError:

@@ -190,7 +190,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         """Wait for the node simulator; ClientError if the graph has a bridge to a rig instead."""
 
         def simulator_runs() -> bool:
-            names = self.node.get_node_names()
+            names = self.node_names()
             if BRIDGE_NODE in names and "simulator" not in names:
                 raise ClientError(
                     f"{self.node.resolve_service_name(service)} needs a simulator; this graph has a rig behind "

@@ -25,6 +25,7 @@ from amb_bringup.experiments.wiring import Wiring
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import generate
 from amb_core.ground.errors import AmbError
+from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.units import UM
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.machine import Machine, radial_bearings
@@ -102,6 +103,7 @@ class Session:
         self._of_another = False  # whether another host levitates the rotor
         self._bridged = False  # whether the bridge was asked to connect
         self._currents = "no answer of the target so far"  # why they may flow while it is not; empty: they are off
+        self._bridge_name = f"{node.get_namespace().rstrip('/')}/{BRIDGE_NODE}"
         create_subscription(node, MachineMessage, topics.MACHINE, self._on_machine, LATCHED)
         create_subscription(node, DiagnosticArray, "/diagnostics", self._on_diagnostics, HISTORY)
 
@@ -409,7 +411,7 @@ class Session:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if status.name.endswith("hardware_bridge"):
+            if f"/{status.name}" == self._bridge_name:
                 self._link = {item.key: item.value for item in status.values}
 
 
