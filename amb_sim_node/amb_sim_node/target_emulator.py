@@ -88,7 +88,7 @@ class TargetEmulatorNode(Node):
         FaultyCoils(self._axes, settings.faults.coil, 1.0)
 
     def _on_change(self, settings: TargetEmulatorParameters) -> None:
-        if self._emulator is not None and not self._ended:
+        if self._emulator is not None:
             self._emulator.configure(settings.faults)
 
     def _on_reboot(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -143,6 +143,9 @@ def test_an_emulator_that_dies_is_an_error_on_diagnostics_and_the_node_goes_on(g
     pid = emulated.process.pid
     (child,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     os.kill(int(child), signal.SIGKILL)
+    graph.wait_until(lambda: ") Z " in Path(f"/proc/{child}/stat").read_text(), "the end of the emulator")
+    refused = emulated.set("faults.sensor.failed", "x")  # at once, perhaps before the node knows
+    assert "the process of the emulator has ended" in refused.reason
     emulated.wait_for(lambda status, _: status.level == DiagnosticStatus.ERROR, "the error")
     assert "the process of the emulator has ended" in emulated.statuses[-1].message
     answer = graph.call(Trigger, "/amb/target_emulator/reboot")

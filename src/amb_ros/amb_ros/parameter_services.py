@@ -17,7 +17,7 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from amb_core.ground.errors import ParameterError, one_line
+from amb_core.ground.errors import AmbError, ParameterError, one_line
 from amb_core.ground.parameters import Declaration
 from amb_core.recording.messages.parameters import parameters_from_messages
 from amb_ros.rclpy_inside import replace_handling
@@ -38,7 +38,7 @@ def guard_parameter_services(node: Node, declared: Iterable[Declaration]) -> Non
     def set_together(messages: Sequence[ParameterMessage]) -> SetParametersResult:
         try:
             return node.set_parameters_atomically([_parameter(node, message, by_name) for message in messages])
-        except ParameterError as problem:
+        except AmbError as problem:  # also of a node that cannot do what a change asks
             reason = f"{node.get_fully_qualified_name()}: {one_line(problem)}"
             return SetParametersResult(successful=False, reason=reason)
 
