@@ -104,6 +104,15 @@ def test_a_map_that_is_not_resolved_is_named_so(monkeypatch: pytest.MonkeyPatch,
     assert Orders(lambda: 0).carry_out("build_map", {}, lambda _text: None).endswith(ends)
 
 
+@pytest.mark.parametrize("order", [41, -1, 2.0, True, "every"])
+def test_an_order_that_no_model_has_is_refused_with_those_that_one_may_have(
+    monkeypatch: pytest.MonkeyPatch, order: object
+) -> None:
+    monkeypatch.setattr("amb_bringup.view.orders.AmbClient", lambda timeout: SimpleNamespace(use_run=lambda run: None))
+    with pytest.raises(AmbError, match=r"order = .* is not allowed; allowed: auto, or 0 \(default\) to 40$"):
+        Orders(lambda: 0).carry_out("identify", {"order": order}, lambda _text: None)
+
+
 def test_the_form_of_every_excitation_has_its_declared_settings() -> None:
     shown = json.loads(json.dumps(forms()))["excitations"]
     assert set(shown) == set(KINDS)

@@ -12,11 +12,11 @@ from amb_core.excitation import KINDS, excitation_from_request
 from amb_core.ground.errors import AmbError, one_line
 from amb_core.ground.parameters import Declaration, declarations
 from amb_core.identification import METHODS, IdentificationProgress
+from amb_core.identification.estimate.scaled_data import HIGHEST_ORDER
 from amb_core.identification.fit import fit_text
 from amb_core.regions.region_map import MapProgress
 from amb_msgs.srv import RunSteps, StartRecording, StopRecording
 
-HIGHEST_ORDER = 100
 _PATIENCE = 10.0  # s; longest wait for a service
 
 Settings = Mapping[str, Any]
