@@ -142,3 +142,8 @@ def test_calls_of_services_and_actions_have_the_fields_that_are_shown(page: Path
         fields = (message.Goal if kind == "action" else message.Request).get_fields_and_field_types()
         given = yaml.safe_load(match[3] or "{}")
         assert set(given) <= set(fields), f"{line}: {name} has the fields {', '.join(fields)}"
+
+
+def test_no_help_shows_a_default_that_is_empty() -> None:
+    texts = {f"{name} {item.opts[0]}": item.help or "" for name, command in COMMANDS.items() for item in command.params}
+    assert not [option for option, text in texts.items() if re.search(r"by default *([.;(]|$)", text)]

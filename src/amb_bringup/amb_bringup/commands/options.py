@@ -200,7 +200,7 @@ def _meaning(item: Declaration) -> str:
 
 
 def _default(item: Declaration) -> str:
-    if isinstance(item.default, bool) or not isinstance(item.default, str | int | float):
+    if item.default == "" or isinstance(item.default, bool) or not isinstance(item.default, str | int | float):
         return ""
     default = item.default if isinstance(item.default, str) else format(item.default, "g")
     return f"by default {default}" + (f" ({item.source})" if item.source else "")
