@@ -146,6 +146,35 @@ def test_a_table_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path: Path) 
     assert data.experiments[0].inputs.tolist() == [[1.0], [3.0]]
 
 
+def rows_of_r(names: list[str]) -> str:
+    """Lines with names of rows, under a heading without one, as `write.table(sep=",")` of R."""
+    lines = ['"i_x","i_y","x","y"', *(f'"{name}",{k % 3},{k % 5},{k % 7},{k % 4}' for k, name in enumerate(names))]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("names", [[str(k) for k in range(1, 31)], [str(k) for k in range(30)], ["row"] * 30])
+def test_names_above_all_columns_but_the_first_are_those_of_these_columns(tmp_path: Path, names: list[str]) -> None:
+    loop = read(write_text(tmp_path / "r.csv", rows_of_r(names)), rate=1e4, controller="none")
+    (item,) = loop.data.experiments
+    assert item.inputs[4].tolist() == [1.0, 4.0]
+    assert item.outputs[4].tolist() == [4.0, 0.0]
+    assert loop.described is not None
+    assert "the first column has no name and those of the rows: left out" in loop.described.notes
+
+
+def test_units_below_such_names_are_those_of_the_same_columns(tmp_path: Path) -> None:
+    text = rows_of_r([str(k) for k in range(1, 31)]).replace("\n", "\nA,mA,um,mm\n", 1)
+    item = read(write_text(tmp_path / "r.csv", text), rate=1e4, controller="none").data.experiments[0]
+    assert item.signals[4].tolist() == pytest.approx([1.0, 4e-3, 4e-6, 0.0])
+
+
+def test_names_above_all_columns_but_one_are_refused_where_that_may_be_any(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "lab.csv", rows_of_r([f"{0.5 * k}" for k in range(30)]))
+    for columns in ({}, {"inputs": "i_x", "outputs": "x"}):
+        with pytest.raises(IdentificationError, match="4 names stand above 5 columns.*a name above every column"):
+            read(path, rate=1e4, **columns)
+
+
 def test_missing_times_split_a_table(tmp_path: Path) -> None:
     times = [0.0, 0.001, 0.002, 0.005, 0.006, 0.010]
     path = write_text(tmp_path / "rig.csv", "\n".join(["time,u,y", *(f"{time},1,2" for time in times)]))

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.data.tables.table import Column, Table, split_unit
-from amb_core.data.tables.units import is_known
+from amb_core.data.tables.headings import headings_of, without_row_names
+from amb_core.data.tables.table import Column, Table
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.apart import read_apart
 from amb_core.ground.files.limits import LONGEST_LINE, MOST_COLUMNS
@@ -65,12 +65,15 @@ def columns_of_text(
         raise IdentificationError(f"has {count} columns; allowed: at most {MOST_COLUMNS}")
     first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
     numbers = _numbers(rows[first:], count, point)
-    headings = _headings(rows[:first], count)
+    headings, fewer = headings_of(rows[:first], count)
     notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
     if point == ",":
         notes.append("decimal commas")
     if cut or len(numbers) < len(rows) - first:
         notes.append("the last row is cut off and was left out")
+    if fewer:
+        numbers, headings, count = without_row_names(numbers), headings[1:], count - 1
+        notes.append("the first column has no name and those of the rows: left out")
     columns = []
     for index in range(count):
         if index < len(headings):
@@ -203,21 +206,6 @@ def _numbers(rows: Cells, count: int, point: str) -> NDArray[np.float64]:
             )
         numbers[:, index] = [np.nan if value is None else value for value in values]
     return numbers
-
-
-def _headings(rows: Cells, count: int) -> list[tuple[str, str]]:
-    """Name and unit of each column from the rows above the numbers, of which the last may hold units only."""
-    rows = [row for row in rows if len(row) == count or (len(row) == count - 1 and len(row) > 1)]
-    if not rows:
-        return []
-    units = [_bare(cell) for cell in rows[-1]]
-    if len(rows) > 1 and all(not unit or is_known(unit) or unit == "-" for unit in units) and any(units):
-        return [(split_unit(name)[0], "" if unit == "-" else unit) for name, unit in zip(rows[-2], units, strict=False)]
-    return [split_unit(cell) for cell in rows[-1]]
-
-
-def _bare(cell: str) -> str:
-    return cell.strip().strip("[]()").strip()
 
 
 def _of(words: dict[str, str], word: str, option: str) -> str:
