@@ -146,6 +146,26 @@ def test_a_table_of_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path: Path) 
     assert data.experiments[0].inputs.tolist() == [[1.0], [3.0]]
 
 
+@pytest.mark.parametrize("mark", [";", "\t", " "])
+@pytest.mark.parametrize("columns", [2, 3])
+@pytest.mark.parametrize("whole", [0, 80])
+def test_decimal_commas_are_found_whatever_separates_a_few_columns(
+    tmp_path: Path, mark: str, columns: int, whole: int
+) -> None:
+    """An input is of whole numbers, and in the second half of the cases so are all of the last rows."""
+    rng = np.random.default_rng(3)
+    values = np.column_stack([rng.normal(size=200), rng.choice([-1.0, 1.0], 200), rng.normal(size=200)])
+    values = np.float64([f"{value:.9g}" for value in values.ravel()]).reshape(values.shape)[:, -columns:]
+    values[len(values) - whole :] = np.round(values[len(values) - whole :])
+    rows = [mark.join(f"{value:.9g}" for value in row).replace(".", ",") for row in values]
+    heading = mark.join(["r", "u", "y"][-columns:])
+    path = write_text(tmp_path / "de.csv", "\n".join([heading, *rows]) + "\n")
+    loop = read(path, rate=1e3, controller="none")
+    assert np.array_equal(loop.data.experiments[0].inputs, values[:, -2:-1])
+    assert np.array_equal(loop.data.experiments[0].outputs, values[:, -1:])
+    assert loop.described is not None and "decimal commas" in loop.described.notes
+
+
 def rows_of_r(names: list[str]) -> str:
     """Lines with names of rows, under a heading without one, as `write.table(sep=",")` of R."""
     lines = ['"i_x","i_y","x","y"', *(f'"{name}",{k % 3},{k % 5},{k % 7},{k % 4}' for k, name in enumerate(names))]

@@ -107,21 +107,25 @@ def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
 
 
 def _format(lines: Sequence[str], separator: str, decimal: str) -> tuple[str, str]:
-    """What separates columns and decimals: as given, or in what most rows at the end are numbers."""
+    """What separates columns and decimals: as given, or in what most rows are numbers and fewest cells are texts."""
     marks = [_of(SEPARATORS, separator, "separator")] if separator else list(SEPARATORS.values())
     points = [_of(DECIMALS, decimal, "decimal")] if decimal else list(DECIMALS.values())
-    sample = lines[-_LOOKED_AT:]
+    half = lines[len(lines) // 2 : -_LOOKED_AT]  # the last rows may be of whole numbers only
+    sample = [*half[:: len(half) // _LOOKED_AT + 1], *lines[-_LOOKED_AT:]]
     best, choice = -1.0, (marks[0], points[0])
     for mark in marks:
         rows = _cells(sample, mark)
         for point in points:
             if mark == point and not any('"' in line for line in sample):
                 continue
-            good = [len(row) for row in rows if _is_data(row, point)]
+            good = [row for row in rows if _is_data(row, point)]
             if not good:
                 continue
-            width = Counter(good).most_common(1)[0]
-            score = width[1] / len(rows) + (0.5 if width[0] > 1 else 0.0) + 1e-3 * width[0]
+            width = Counter(map(len, good)).most_common(1)[0][0]
+            same = [row for row in good if len(row) == width]
+            # a text in a row of numbers, such as 001;1, has more than one of them if separated otherwise
+            numbers = sum(_number(cell, point) is not None for row in same for cell in row)
+            score = numbers / (width * len(rows)) + (0.5 if width > 1 else 0.0) + 1e-3 * width
             if score > best + 1e-9:
                 best, choice = score, (mark, point)
     mark, point = choice
