@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from amb_core.data.analysis import evidence_of_run
 from amb_core.data.analysis.reading import read_recording
@@ -120,6 +121,40 @@ def test_multiples_of_the_frequency_of_a_periodic_reference_are_distortion_and_s
     assert cure_tones(with_tone(periodic, 300.0)) is None
     for frequency in (301.0, 300.4):  # the next line of the record, and between the two
         assert cure_tones(with_tone(periodic, frequency)) is not None
+
+
+def spread_lines(seed: int, spacing: tuple[int, int]) -> IdentificationData:
+    """Two seconds of a reference of single lines, so many lines of the record apart, and the answer of a loop to it."""
+    rng, steps, sample_time = np.random.default_rng(seed), 20_000, 1e-4
+    spectrum = np.zeros(steps // 2 + 1, complex)
+    lines = np.cumsum(rng.integers(spacing[0], spacing[1] + 1, steps))
+    lines = lines[lines < 4_000]
+    spectrum[lines] = np.exp(2j * np.pi * rng.uniform(size=len(lines)))
+    reference = np.fft.irfft(spectrum, steps)
+    reference *= 10e-6 / np.abs(reference).max()
+    pole = np.exp((-60.0 + 2j * np.pi * 160.0) * sample_time)  # 160 Hz, a damping ratio of 0.06
+    ahead = np.concatenate([reference[-2_000:], reference])  # it answers to what was before, too
+    denominator = np.poly([pole, pole.conj()])
+    outputs = lfilter([0.0, denominator.sum()], denominator, ahead)[2_000:] + 0.05e-6 * rng.normal(size=steps)
+    inputs = 8_000.0 * (reference - outputs)
+    one = (inputs[:, np.newaxis], outputs[:, np.newaxis], sample_time)
+    return IdentificationData.from_arrays(*one, reference=reference[:, np.newaxis])
+
+
+@pytest.mark.parametrize("spacing", [(4, 6), (3, 7), (2, 9), (5, 5)])
+def test_the_reference_s_own_lines_stay_however_near_they_are_to_each_other(spacing: tuple[int, int]) -> None:
+    for seed in range(2):
+        data = spread_lines(seed, spacing)
+        assert cure_tones(data) is None
+        assert cure_tones(data.window(777, 20_000)) is None  # they fall between the lines of this record
+
+
+@pytest.mark.parametrize("frequency", [98.3, 160.4, 401.7])
+def test_tones_are_found_between_the_lines_of_a_reference(frequency: float) -> None:
+    """Half a line of the record beside one, or more."""
+    cure = cure_tones(with_tone(spread_lines(0, (5, 5)), frequency))
+    assert cure is not None
+    assert cure.frequencies == pytest.approx([frequency], abs=0.05)
 
 
 def test_what_grows_over_the_record_may_be_a_narrow_mode_and_stays(at_rest) -> None:

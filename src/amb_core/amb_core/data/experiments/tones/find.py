@@ -22,6 +22,9 @@ Complexes = NDArray[np.complex128]
 
 _BESIDE = 8  # lines to either side that are compared with
 _TONE = 12.0  # power of a line over that of those beside it
+_BETWEEN = 0.2  # of the lines of a reference of single tones, whose power
+_APART = 0.01  # of the highest is what a window leaves between them
+_NEAREST = 0.35  # of the power of a line, that one beside it has if the tone is more than a tenth of a line off
 FEWEST = 8 * _BESIDE
 """Samples in which tones are sought."""
 NO_POWER = 1e-8
@@ -122,6 +125,9 @@ def without_tones(signals: Arrays, frequencies: Sequence[float], window: Arrays 
 def standing_out(reference: Arrays) -> NDArray[np.bool_]:
     """Lines that stand out in a reference, and those next to them, to which a window spreads them.
 
+    Of tones so near to each other that their windows meet only the lines nearest to them, so that what lies between
+    them is none of the reference.
+
     Parameters
     ----------
     reference : ndarray, shape (steps, r)
@@ -133,8 +139,14 @@ def standing_out(reference: Arrays) -> NDArray[np.bool_]:
         Whether each line is one of them.
     """
     power = power_of(reference - reference.mean(axis=0))
-    out = (power > _TONE * _beside(power)) & (power > NO_POWER * power.max())
-    return np.asarray(np.convolve(out, np.ones(5), mode="same") > 0.5)
+    around = _around(power)
+    out = power > _TONE * np.median(around, axis=1)
+    between = np.quantile(around, _BETWEEN, axis=1)
+    apart = between < _APART * around.max(axis=1)  # the skirts of lines as near as these reach the median
+    nearest = power > _NEAREST * around[:, [_BESIDE - 1, _BESIDE + 1]].max(axis=1)
+    one = apart & nearest & (power > _TONE * between)
+    some = power > NO_POWER * power.max()
+    return np.asarray((np.convolve(out & some, np.ones(5), mode="same") > 0.5) | (one & some))
 
 
 def is_steady(signals: Arrays, frequency: float) -> bool:
@@ -159,15 +171,17 @@ def power_of(signals: Arrays) -> Arrays:
 
 def _beside(power: Arrays) -> Arrays:
     """Median over the lines to either side of each."""
-    padded = np.pad(power, _BESIDE, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1), axis=1))
+    return np.asarray(np.median(_around(power), axis=1))
+
+
+def _around(power: Arrays) -> Arrays:
+    """Power of each line and those to either side of it, shape (lines, 2 _BESIDE + 1)."""
+    return np.lib.stride_tricks.sliding_window_view(np.pad(power, _BESIDE, mode="reflect"), 2 * _BESIDE + 1)
 
 
 def _peaks(power: Arrays, least: float) -> NDArray[np.bool_]:
     """Lines that stand out of those beside them, and are the highest of these."""
-    padded = np.pad(power, _BESIDE, mode="reflect")
-    highest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1).max(axis=1)
-    lines = (power > least * _beside(power)) & (power >= highest)
+    lines = (power > least * _beside(power)) & (power >= _around(power).max(axis=1))
     lines[:2] = False  # the mean behind the window
     return np.asarray(lines)
 
