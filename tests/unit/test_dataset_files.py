@@ -191,7 +191,7 @@ def test_units_below_such_names_are_those_of_the_same_columns(tmp_path: Path) ->
 def test_names_above_all_columns_but_one_are_refused_where_that_may_be_any(tmp_path: Path) -> None:
     path = write_text(tmp_path / "lab.csv", rows_of_r([f"{0.5 * k}" for k in range(30)]))
     for columns in ({}, {"inputs": "i_x", "outputs": "x"}):
-        with pytest.raises(IdentificationError, match="4 names stand above 5 columns.*a name above every column"):
+        with pytest.raises(IdentificationError, match=r"4 names stand above 5 columns.*a name above every column"):
             read(path, rate=1e4, **columns)
 
 
@@ -258,7 +258,7 @@ def test_one_matrix_whose_columns_are_signals_is_read(tmp_path: Path, ending: st
     assert data.output_names == ("y1", "y2")
     columns = {"inputs": [0], "outputs": [1]}
     for options, message in (
-        ({}, r"needs the name of one matrix \(--variable\): .*its matrices: arm \(5, 4\), note \(2, 2\)"),
+        ({}, r"which of the 4 columns are inputs.*\(left out, of another length: note \(2, 2\)\)"),
         ({"variable": "leg"}, "has no matrix leg"),
         ({"variable": "arm"}, "which of the 4 columns are inputs and which outputs is not known"),
         ({"variable": "arm", "inputs": [0], "outputs": [4]}, "there is no column 4; allowed: 0 to 3"),
@@ -296,6 +296,109 @@ def test_cells_of_experiments_are_read_from_a_mat_file(tmp_path: Path) -> None:
     assert [item.steps for item in data.experiments] == [5, 4]
     assert data.foreign
     assert not data.gaps
+
+
+U, Y = np.random.default_rng(5).normal(size=(2, 60, 2))
+CELLS = {"u": cells(U[:35], U[35:]), "y": cells(Y[:35], Y[35:])}
+
+
+def saved(path: Path, **variables: object) -> Path:
+    io.savemat(path, variables)
+    return path
+
+
+def test_options_hold_for_cells_of_experiments(tmp_path: Path) -> None:
+    path = saved(tmp_path / "rig.mat", **CELLS, Ts=1e-4)
+    scaled = read(path, units="um,mA", controller="none").data
+    assert (scaled.input_units, scaled.output_units) == (("A", "A"), ("m", "m"))
+    assert scaled.experiments[1].inputs == pytest.approx(1e-3 * U[35:])
+    assert scaled.experiments[1].outputs == pytest.approx(1e-6 * Y[35:])
+    named = read(path, inputs=["u[1]"], outputs=["x=y[0]"], controller="none").data
+    assert np.array_equal(named.experiments[1].inputs, U[35:, 1:])
+    assert named.output_names == ("x",)
+    other = saved(tmp_path / "other.mat", drive=CELLS["u"], probe=CELLS["y"], Ts=1e-4)
+    assert len(read(other, inputs=["drive"], outputs=["probe"], controller="none").data.experiments) == 2
+
+
+def test_units_beside_cells_are_those_of_the_signals(tmp_path: Path) -> None:
+    units = {"InputUnit": cells("A", "A"), "OutputUnit": cells("um", "um")}
+    loop = read(saved(tmp_path / "rig.mat", **CELLS, **units, Ts=1e-4), controller="none")
+    assert loop.data.output_units == ("m", "m")
+    assert loop.data.experiments[0].outputs == pytest.approx(1e-6 * Y[:35])
+    assert loop.described is not None
+    assert [row.samples for row in loop.described.rows] == [60] * 4
+
+
+def test_missing_samples_of_cells_are_left_out_where_that_is_asked_for(tmp_path: Path) -> None:
+    u = U.copy()
+    u[60 - 3] = np.nan
+    path = saved(tmp_path / "rig.mat", u=cells(u[:35], u[35:]), y=CELLS["y"], Ts=1e-4)
+    with pytest.raises(IdentificationError, match=r"experiment 1: 1 of 25 rows lack a number.*--repair split"):
+        read(path, controller="none")
+    assert [item.steps for item in read(path, repair="split", controller="none").data.experiments] == [35, 22]
+
+
+@pytest.mark.parametrize(
+    "clock", [{"Ts": cells(1e-4, 1e-4)}, {"fs": 1e4}, {"t": cells(1e-4 * np.arange(35), 1e-4 * np.arange(25))}]
+)
+def test_the_sample_time_of_cells_may_be_a_cell_a_rate_or_times(tmp_path: Path, clock: dict[str, object]) -> None:
+    path = saved(tmp_path / "rig.mat", **CELLS, **clock)
+    assert read(path, controller="none").data.sample_time == pytest.approx(1e-4)
+    with pytest.raises(IdentificationError, match="sample_time 5e-05 s is given, but"):
+        read(path, rate=2e4, controller="none")
+
+
+def test_cells_of_different_numbers_or_sample_times_are_no_experiments(tmp_path: Path) -> None:
+    path = saved(tmp_path / "rig.mat", u=CELLS["u"], y=cells(Y[:35], Y[35:], Y[35:]), Ts=1e-4)
+    with pytest.raises(
+        IdentificationError, match="u has 2 experiments, y has 3 experiments; the numbers must be equal"
+    ):
+        read(path, controller="none")
+    with pytest.raises(IdentificationError, match="only data of one sample time"):
+        read(saved(path, **CELLS, Ts=cells(1e-4, 2e-4)), controller="none")
+
+
+def test_cells_beside_plain_signals_are_no_experiments(tmp_path: Path) -> None:
+    loop = read(saved(tmp_path / "rig.mat", u=U, y=Y, Ts=1e-4, notes=cells(np.ones(3), np.ones(3))), controller="none")
+    assert [item.steps for item in loop.data.experiments] == [60]
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_missing_samples_of_what_was_written_are_left_out_where_that_is_asked_for(tmp_path: Path, ending: str) -> None:
+    data = IdentificationData.from_arrays(np.where(np.arange(60)[:, None] == 40, np.nan, U), Y, 1e-4)
+    write_data(data, tmp_path / f"data.{ending}")
+    assert [item.steps for item in read(tmp_path / f"data.{ending}", repair="split").data.experiments] == [40, 19]
+
+
+@pytest.mark.parametrize(
+    ("ending", "save"), [("mat", lambda path, **content: io.savemat(path, content)), ("npz", np.savez)]
+)
+def test_arrays_of_another_length_are_left_out_and_named(
+    tmp_path: Path, ending: str, save: Callable[..., None]
+) -> None:
+    path = tmp_path / f"rig.{ending}"
+    save(path, u=U, y=Y, Ts=1e-4, gains=np.array([2e4, 38.0]), spectrum=np.ones(31))
+    for options in ({}, {"inputs": ["u"], "outputs": ["y"]}):
+        loop = read(path, controller="none", **options)
+        assert np.array_equal(loop.data.experiments[0].inputs, U)
+        assert loop.described is not None
+        assert any("another length: gains" in note and "spectrum" in note for note in loop.described.notes)
+    save(path, drive=U, probe=Y, Ts=1e-4, history=np.ones(900))
+    options = {"inputs": ["drive[0]"], "outputs": ["probe[1]"]}
+    assert read(path, controller="none", **options).data.samples == 60
+    with pytest.raises(
+        IdentificationError, match=r"the named signals have different lengths: drive \(60, 2\), history"
+    ):
+        read(path, inputs=["drive"], outputs=["history"])
+
+
+def test_arrays_named_as_those_of_this_workbench_are_arrays_of_others(tmp_path: Path) -> None:
+    path = tmp_path / "own.npz"
+    np.savez(path, inputs_0=U, outputs_0=Y, sample_time=1e-4)
+    with pytest.raises(UndescribedError, match=r"give inputs and outputs .*there are inputs_0\[0\], inputs_0\[1\]"):
+        read(path)
+    data = read(path, inputs=["inputs_0"], outputs=["outputs_0"]).data
+    assert np.array_equal(data.experiments[0].outputs, Y)
 
 
 def test_names_and_units_of_matlabs_iddata_are_those_of_the_signals(tmp_path: Path) -> None:

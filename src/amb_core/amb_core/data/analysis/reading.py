@@ -18,10 +18,10 @@ from amb_core.data.experiments import (
     DescribedData,
     IdentificationData,
     RecordedLoop,
-    describe_table,
+    describe_tables,
     written_data,
 )
-from amb_core.data.tables import ENDINGS, load_content, table_of
+from amb_core.data.tables import ENDINGS, load_content, tables_of
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import is_folder
@@ -131,14 +131,14 @@ def _as_it_is(recording: Recording, known: DataDescription) -> bool:
 def _data(
     path: Path, recording: Recording | None, known: DataDescription
 ) -> tuple[IdentificationData, DescribedData | None]:
-    table = None if recording is None else table_of_bag(recording, known.topics, known.columns)
+    tables = [] if recording is None else [table_of_bag(recording, known.topics, known.columns)]
     with reading("data", path):
-        if table is None:
+        if recording is None:
             content = load_content(path, known.separator, known.decimal)
             if not any(getattr(known, name) for name in _SIGNALS) and (written := written_data(content, known)):
                 return written, None
-            table = table_of(path, content, known.variable)
-        described = describe_table(table, known)
+            tables = tables_of(path, content, known.variable, known.columns)
+        described = describe_tables(tables, known)
     return described.data, described
 
 

@@ -8,7 +8,7 @@ from amb_core.data.experiments.drift import cure_drift, high_pass
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.data.experiments.files import write_data, written_data
 from amb_core.data.experiments.gap import DataGap
-from amb_core.data.experiments.interpret import DescribedData, SignalRow, describe_table
+from amb_core.data.experiments.interpret import DescribedData, SignalRow, describe_table, describe_tables
 from amb_core.data.experiments.merging import merge
 from amb_core.data.experiments.recorded_loop import RecordedLoop
 
@@ -28,6 +28,7 @@ __all__ = [
     "cure_drift",
     "decimate",
     "describe_table",
+    "describe_tables",
     "detrend",
     "high_pass",
     "merge",

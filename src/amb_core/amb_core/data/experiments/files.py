@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from amb_core.data.experiments.conditioning import split_at_invalid
 from amb_core.data.experiments.csv_files import data_of_text, write_csv
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.description import DataDescription
@@ -45,7 +46,7 @@ def write_data(data: IdentificationData, path: str | Path) -> None:
 
 
 def written_data(content: Content, description: DataDescription) -> IdentificationData | None:
-    """The data of a file of `write_data`, or of cells `u` and `y` of experiments; None for another file.
+    """The data of a file of `write_data`; None for another file.
 
     Parameters
     ----------
@@ -66,14 +67,12 @@ def written_data(content: Content, description: DataDescription) -> Identificati
     """
     if isinstance(content, Table):
         data = data_of_text(content)
-    elif "inputs_0" in content:
-        data = data_of_arrays(content)
     else:
-        data = data_of_variables(content, description.given_sample_time)
+        data = data_of_arrays(content) if "inputs_0" in content else data_of_variables(content)
     given = description.given_sample_time
     if data is not None and given is not None and abs(data.sample_time - given) > 1e-6 * given:
         raise IdentificationError(
             f"sample_time {given:g} s is given, but the file has Ts = {data.sample_time:g} s; correct it or leave it "
             "out"
         )
-    return data
+    return split_at_invalid(data) if data is not None and description.repair == "split" else data

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from amb_core.data.experiments.clock import Clock, clock_of, resampled
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.description import DataDescription
 from amb_core.data.experiments.experiment import Experiment
+from amb_core.data.experiments.merging import merge
 from amb_core.data.experiments.proposal import unit_at_end
 from amb_core.data.experiments.roles import Roles, find_roles
 from amb_core.data.tables import Column, Table
@@ -91,6 +92,53 @@ class _Signal:
         return self.column.values * self.scale if self.scale != 1.0 else self.column.values
 
 
+def describe_tables(tables: Sequence[Table], description: DataDescription) -> DescribedData:
+    """Interpret the tables of several experiments alike.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+        Columns of each experiment.
+    description : DataDescription
+        What the user says of the columns.
+
+    Returns
+    -------
+    DescribedData
+        The data of all experiments, and how each column was understood.
+
+    Raises
+    ------
+    IdentificationError
+        As for `describe_table`, of the experiment that the message names, or if the experiments have different signals.
+    """
+    if len(tables) == 1:
+        return describe_table(tables[0], description)
+    parts = []
+    for table in tables:
+        try:
+            parts.append(describe_table(table, description))
+        except IdentificationError as problem:
+            problem.args = (f"{table.path}: {problem}",)
+            raise
+    data = merge(part.data for part in parts)
+    signals: dict[tuple[str, str], list[SignalRow]] = {}
+    for row in (row for part in parts for row in part.rows):
+        signals.setdefault((row.role, row.signal), []).append(row)
+    rows = [
+        replace(
+            same[0],
+            samples=sum(row.samples for row in same),
+            missing=sum(row.missing for row in same),
+            low=min(row.low for row in same),
+            high=max(row.high for row in same),
+        )
+        for same in signals.values()
+    ]
+    notes = [f"{len(tables)} experiments", *dict.fromkeys(note for part in parts for note in part.notes)]
+    return DescribedData(data, tuple(rows), tuple(notes), parts[0].description)
+
+
 def describe_table(table: Table, description: DataDescription) -> DescribedData:
     """Interpret a table.
 
@@ -151,6 +199,8 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
         more = f" and {len(unused) - 10} more" if len(unused) > 10 else ""
         which = "" if roles.reference else "; if one is the setpoint: --reference, one for each output"
         notes.append(f"columns not used: {', '.join(unused[:10])}{more}{which}")
+    if table.left_out:
+        notes.append(f"left out, of another length: {table.left_out}")
     return DescribedData(data, rows, tuple(notes), _completed(description, roles))
 
 

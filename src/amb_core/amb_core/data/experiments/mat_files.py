@@ -1,14 +1,12 @@
 """MATLAB and Octave files (version 5) of data.
 
 `write_mat` writes the cells `u`, `y` and `r` with one matrix for each experiment, so that in MATLAB
-`iddata(y, u, Ts, 'InputName', InputName, 'OutputName', OutputName)` has the same experiments. Cells `u` and
-`y` of others are read too.
+`iddata(y, u, Ts, 'InputName', InputName, 'OutputName', OutputName)` has the same experiments.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +14,6 @@ import numpy as np
 
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
-from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.matlab import cell, save_variables, texts
 
 _NAMES = {
@@ -43,37 +40,21 @@ def write_mat(data: IdentificationData, path: str | Path) -> None:
     save_variables(path, variables)
 
 
-def data_of_variables(content: Mapping[str, Any], sample_time: float | None) -> IdentificationData | None:
-    """The data of the variables of `write_mat`, or of cells u and y of others; None for other variables.
-
-    Raises
-    ------
-    IdentificationError
-        If u and y have different numbers of experiments, or the sample time (s) is neither in the file nor given.
-    """
-    if not {"u", "y"} <= set(content) or any(content[name].dtype != object for name in "uy"):
+def data_of_variables(content: Mapping[str, Any]) -> IdentificationData | None:
+    """The data of the variables of `write_mat`; None for other variables."""
+    if not {"u", "y", "r", "Ts", "FirstStep", "Source"} <= set(content):
         return None
-    written = "FirstStep" in content
-    u, y = content["u"].ravel().tolist(), content["y"].ravel().tolist()
-    if len(u) != len(y):
-        raise IdentificationError(f"u has {len(u)} experiments, y has {len(y)}; the numbers must be equal")
-    sample_time = float(content["Ts"].item()) if "Ts" in content else sample_time
-    if sample_time is None:
-        raise IdentificationError("the sample time is not known; give sample_time in s: --sample-time, --rate HZ")
-    labels: dict[str, Any] = {name: texts(content[matlab]) for name, matlab in _NAMES.items() if matlab in content}
-    experiments = []
-    for index, (inputs, outputs) in enumerate(zip(u, y, strict=True)):
-        trends = {name: content[matlab].ravel()[index] for name, matlab in _TRENDS.items() if matlab in content}
-        reference = content["r"].ravel()[index] if "r" in content else np.empty(0)
-        experiments.append(
-            Experiment(
-                inputs,
-                outputs,
-                reference if reference.size else None,
-                int(content["FirstStep"].ravel()[index]) if written else 0,
-                texts(content["Source"])[index] if written else f"experiment {index}",
-                **trends,
-            )
+    u, y, r, steps = (content[name].ravel() for name in ("u", "y", "r", "FirstStep"))
+    experiments = tuple(
+        Experiment(
+            u[index],
+            y[index],
+            r[index] if r[index].size else None,
+            int(steps[index]),
+            source,
+            **{name: content[matlab].ravel()[index] for name, matlab in _TRENDS.items()},
         )
-    plain = IdentificationData.from_arrays(u[0], y[0], sample_time, **labels)
-    return replace(plain, experiments=tuple(experiments), foreign=not written)
+        for index, source in enumerate(texts(content["Source"]))
+    )
+    labels: dict[str, Any] = {name: tuple(texts(content[matlab])) for name, matlab in _NAMES.items()}
+    return IdentificationData(experiments, float(content["Ts"].item()), **labels)

@@ -31,8 +31,10 @@ def write_npz(data: IdentificationData, path: str | Path) -> None:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def data_of_arrays(content: Mapping[str, Any]) -> IdentificationData:
-    """The data of an archive of `write_npz`."""
+def data_of_arrays(content: Mapping[str, Any]) -> IdentificationData | None:
+    """The data of an archive of `write_npz`; None for another one."""
+    if not {*_DATA_FIELDS, "inputs_0", "first_step_0", "source_0"} <= set(content):
+        return None
     experiments = []
     for index in range(sum(name.startswith("inputs_") for name in content)):
         item = {name: content[f"{name}_{index}"] for name in _EXPERIMENT_FIELDS if f"{name}_{index}" in content}

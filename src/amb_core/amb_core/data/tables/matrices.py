@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -21,17 +22,34 @@ _UNITS = ("units", "unit")
 _MOST_SIGNALS = 64  # rows of a matrix that may be signals
 
 
-def table_of_variables(path: str, content: Mapping[str, Any], variable: str = "") -> Table:
+def table_of_variables(
+    path: str, variables: Mapping[str, Any], variable: str = "", wanted: Sequence[str] = ()
+) -> Table:
     """Make a table of the variables of a file.
+
+    Parameters
+    ----------
+    path : str
+        The file, for messages.
+    variables : mapping
+        From `flat`.
+    variable : str, optional
+        Matrix or struct; empty for the only one.
+    wanted : sequence of str, optional
+        Columns that are asked for: of variables of several lengths those with theirs are taken, otherwise the longest.
+
+    Returns
+    -------
+    Table
+        The columns.
 
     Raises
     ------
     IdentificationError
         If there is no variable of this name, none of numbers, or which of several lengths is meant is not known.
     """
-    flat = dict(_flat(content))
-    arrays = {name: value for name, value in flat.items() if _is_signal(value)}
-    there = ", ".join(f"{name} {value.shape}" for name, value in arrays.items()) or "none"
+    arrays = {name: value for name, value in variables.items() if _is_signal(value)}
+    there = _shown(arrays) or "none"
     if variable:
         chosen = {name: value for name, value in arrays.items() if name == variable or name.startswith(f"{variable}.")}
         if not chosen:
@@ -39,13 +57,14 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
         arrays = chosen
     if not arrays:
         raise IdentificationError("has no matrix or vector of numbers; save the signals as such")
-    lengths = {max(value.shape) for value in arrays.values()}
-    if len(lengths) > 1:
+    rows = _rows(arrays, wanted)
+    left_out = {name: value for name, value in arrays.items() if max(value.shape) != rows}
+    arrays = {name: value for name, value in arrays.items() if name not in left_out}
+    if any(re.fullmatch(r"[uyr](_?\d+)?", _last(name)) for name in left_out):
         raise IdentificationError(
             f"needs the name of one matrix (--variable): the lengths differ; its matrices: {there}"
         )
-    rows = lengths.pop()
-    texts = {name.casefold(): value for name, value in flat.items() if _is_texts(value)}
+    texts = {name.casefold(): value for name, value in variables.items() if _is_texts(value)}
     names, units = (_texts_of(texts, known) for known in (_NAMES, _UNITS))
     every = (column for name, value in arrays.items() for column in _columns(name, value, rows, len(arrays) == 1))
     columns = list(islice(every, MOST_COLUMNS + 1))
@@ -59,7 +78,30 @@ def table_of_variables(path: str, content: Mapping[str, Any], variable: str = ""
             Column(name, column.values, unit, column.source)
             for column, (name, unit) in zip(columns, labels, strict=True)
         ]
-    return Table(path, tuple(_without_struct(_as_iddata(columns, texts))), _sample_time(flat))
+    columns = _without_struct(_as_iddata(columns, texts))
+    return Table(path, tuple(columns), _sample_time(variables), left_out=_shown(left_out))
+
+
+def _rows(arrays: Mapping[str, Any], wanted: Sequence[str]) -> int:
+    """Number of samples: that of the arrays with wanted columns, else of the longest."""
+    names = {column.partition("[")[0].casefold() for column in wanted}
+    asked = {name: value for name, value in arrays.items() if names & {_label(name), _last(_label(name))}}
+    lengths = {max(value.shape) for value in asked.values()}
+    if len(lengths) > 1:
+        raise IdentificationError(f"the named signals have different lengths: {_shown(asked)}")
+    return lengths.pop() if lengths else max(max(value.shape) for value in arrays.values())
+
+
+def _label(name: str) -> str:
+    return split_unit(name)[0].casefold()
+
+
+def _last(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _shown(arrays: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value.shape}" for name, value in arrays.items())
 
 
 def _as_iddata(columns: list[Column], texts: Mapping[str, Any]) -> list[Column]:
@@ -87,11 +129,11 @@ def _without_struct(columns: list[Column]) -> list[Column]:
     return [replace(column, name=column.name.rpartition(".")[2]) for column in columns]
 
 
-def _flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flat(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Variables with the fields of structs as `struct.field`."""
     for name, value in content.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{prefix}{name}.")
+            yield from flat(value, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 
@@ -129,9 +171,9 @@ def _reordered(name: str, values: NDArray[np.float64]) -> tuple[str, NDArray[np.
     return label, values, unit
 
 
-def _sample_time(flat: Mapping[str, Any]) -> float | None:
+def _sample_time(variables: Mapping[str, Any]) -> float | None:
     """Sample time (s) of a scalar such as Ts or fs; None if there is none."""
-    for name, value in flat.items():
+    for name, value in variables.items():
         if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == 1):
             continue
         number, word = float(value.ravel()[0]), name.rsplit(".", 1)[-1].casefold()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from amb_core.data.tables.matrices import table_of_variables
+from amb_core.data.tables.cells import experiments_of
+from amb_core.data.tables.matrices import flat, table_of_variables
 from amb_core.data.tables.parquet import read_parquet_table
 from amb_core.data.tables.table import Table
 from amb_core.data.tables.text import read_text_table
@@ -54,8 +55,8 @@ def load_content(path: Path, separator: str = "", decimal: str = "") -> Content:
     raise IdentificationError(f"the file name must end in {', '.join(ENDINGS)}")
 
 
-def table_of(path: Path, content: Content, variable: str = "") -> Table:
-    """The content of a file as a table.
+def tables_of(path: Path, content: Content, variable: str = "", columns: Sequence[str] = ()) -> list[Table]:
+    """The content of a file as tables.
 
     Parameters
     ----------
@@ -65,15 +66,22 @@ def table_of(path: Path, content: Content, variable: str = "") -> Table:
         From `load_content`.
     variable : str, optional
         Matrix or struct of a .mat or .npz file; empty for the only one.
+    columns : sequence of str, optional
+        Columns that are asked for.
 
     Returns
     -------
-    Table
-        Columns of one length.
+    list of Table
+        One for each experiment of cells, otherwise a single one; columns of one length.
 
     Raises
     ------
     IdentificationError
         If it holds no table; the message names the option that helps.
     """
-    return content if isinstance(content, Table) else table_of_variables(str(path), content, variable)
+    if isinstance(content, Table):
+        return [content]
+    experiments = experiments_of(dict(flat(content)), columns)
+    if len(experiments) == 1:
+        return [table_of_variables(str(path), experiments[0], variable, columns)]
+    return [table_of_variables(f"experiment {k}", each, variable, columns) for k, each in enumerate(experiments)]

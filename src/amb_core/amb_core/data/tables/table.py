@@ -65,6 +65,8 @@ class Table:
         What was understood that is not plain from the columns.
     about : mapping or None
         What a text of `write_data` has beside the columns; None for another one.
+    left_out : str
+        Variables that are no columns since their length is another one, with their shapes.
     """
 
     path: str
@@ -72,6 +74,7 @@ class Table:
     sample_time: float | None = None
     notes: tuple[str, ...] = ()
     about: Mapping[str, Any] | None = None
+    left_out: str = ""
 
     @property
     def rows(self) -> int:
@@ -83,7 +86,8 @@ class Table:
         """All names, for messages."""
         names = [column.name for column in self.columns]
         shown = ", ".join(names[:40])
-        return shown if len(names) <= 40 else f"{shown} and {len(names) - 40} more"
+        shown = shown if len(names) <= 40 else f"{shown} and {len(names) - 40} more"
+        return f"{shown} (left out, of another length: {self.left_out})" if self.left_out else shown
 
     def find(self, wanted: str, option: str) -> list[Column]:
         """The columns that a name of a user means: a name, the end of one, a variable, or numbers from 0 as 0-3.
