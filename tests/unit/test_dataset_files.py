@@ -433,6 +433,32 @@ def test_signals_get_the_names_and_units_that_a_description_gives(tmp_path: Path
     assert scaled.experiments[0].outputs.max() == pytest.approx(4e-6)
 
 
+@pytest.mark.parametrize(
+    ("units", "message"),
+    [
+        ("mV,um", "--units mV may be that of inputs or outputs; name the signals that have it, as in --units u=mV"),
+        ("um,N", "--units N may be that of inputs or outputs.*--units u=N"),
+        (
+            "um,mm",
+            "two units for all lengths, um and mm; name the signals that have one of them, as in --units y=mm",
+        ),
+        ("A,mA", "two units for all currents, A and mA"),
+        ("s,ms", "two units for all times, s and ms"),
+        ("y=um,y=mm", "--units gives y two units, um and mm; give it one"),
+    ],
+)
+def test_units_that_would_be_ignored_are_refused(tmp_path: Path, units: str, message: str) -> None:
+    path = write_text(tmp_path / "rig.csv", TABLE)
+    with pytest.raises(IdentificationError, match=message):
+        read(path, units=units)
+
+
+def test_units_of_named_signals_and_of_all_others_go_together(tmp_path: Path) -> None:
+    data = read(write_text(tmp_path / "rig.csv", TABLE), units="u=mV,um,um", controller="none").data
+    assert (data.input_units, data.output_units) == (("V",), ("m",))
+    assert data.experiments[0].signals[0].tolist() == pytest.approx([1e-3, 2e-6])
+
+
 def test_an_axis_in_brackets_is_no_unit(tmp_path: Path) -> None:
     rows = "\n".join(f"{k % 3},{k % 2},{k % 5},{k}" for k in range(40))
     path = write_text(tmp_path / "lab.csv", f"coil[x] [mA],coil [y],position[x] (um),[y]\n{rows}\n")

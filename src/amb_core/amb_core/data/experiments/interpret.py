@@ -21,6 +21,7 @@ from amb_core.ground.errors import IdentificationError
 
 SHORTEST = 20
 """Samples that a stretch between missing ones must have to become an experiment."""
+_KINDS = {"currents": CURRENTS, "lengths": LENGTHS, "times": TIMES}
 _FAR = {"m": 0.01, "A": 1_000.0}  # beyond what a bearing has
 
 
@@ -207,14 +208,15 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
 def _signals(roles: Roles, description: DataDescription) -> list[_Signal]:
     signals = []
     units = _units_of(description, [*roles.inputs, *roles.outputs, *roles.reference, *filter(None, [roles.time])])
-    for role, letter, columns in (
-        ("input", "u", roles.inputs),
-        ("output", "y", roles.outputs),
-        ("reference", "r", roles.reference),
+    bare = _bare_units(description, roles)
+    for role, letter, kind, columns in (
+        ("input", "u", "currents", roles.inputs),
+        ("output", "y", "lengths", roles.outputs),
+        ("reference", "r", "lengths", roles.reference),
     ):
         for number, column in enumerate(columns, start=1):
             label = column.name if column.named else f"{letter}{number}"
-            unit = units.get(column.name, spelled(column.unit)) or _of_role(role, description)
+            unit = units.get(column.name, spelled(column.unit)) or bare.get(kind, "")
             unit = unit or unit_at_end(columns, role)
             signals.append(_Signal(column, role, label, unit, *si(unit)))
     return signals
@@ -237,23 +239,38 @@ def _units_of(description: DataDescription, columns: Sequence[Column]) -> dict[s
                 raise IdentificationError(
                     f"--units {item}: there is no such signal; there are {', '.join(c.name for c in columns)}"
                 )
+            if other := next((given[one] for one in match if given.get(one, spelled(unit)) != spelled(unit)), None):
+                raise IdentificationError(f"--units gives {name} two units, {other} and {unit}; give it one")
             given |= dict.fromkeys(match, spelled(unit))
     return given
 
 
-def _of_role(role: str, description: DataDescription) -> str:
-    """The unit that is given for all lengths or currents: lengths are outputs and references, currents inputs."""
-    bare = [spelled(item) for item in description.units if "=" not in item]
-    known = CURRENTS if role == "input" else LENGTHS
-    return next((unit for unit in bare if unit in known), "")
+def _bare_units(description: DataDescription, roles: Roles) -> dict[str, str]:
+    """Units that are given for all columns of a role: lengths of outputs and references, currents of inputs, times."""
+    given: dict[str, str] = {}
+    for unit in (spelled(item) for item in description.units if "=" not in item):
+        kind = next((name for name, known in _KINDS.items() if unit in known), "")
+        one = roles.time if kind == "times" else roles.outputs[0] if kind == "lengths" else roles.inputs[0]
+        example = f"{one.name if one else 'time'}={unit}"
+        if not kind:
+            raise IdentificationError(
+                f"--units {unit} may be that of inputs or outputs; name the signals that have it, as in --units "
+                f"{example}"
+            )
+        if given.setdefault(kind, unit) != unit:
+            raise IdentificationError(
+                f"--units gives two units for all {kind}, {given[kind]} and {unit}; name the signals that have one of "
+                f"them, as in --units {example}"
+            )
+    return given
 
 
 def _seconds(column: Column | None, description: DataDescription) -> tuple[NDArray[np.float64] | None, str]:
     """Times in s, and the unit they had."""
     if column is None:
         return None, ""
-    bare = next((spelled(item) for item in description.units if "=" not in item and spelled(item) in TIMES), "")
     unit = _units_of(description, [column]).get(column.name, "") if _names(description, column) else ""
+    bare = next((spelled(item) for item in description.units if "=" not in item and spelled(item) in TIMES), "")
     unit = unit or spelled(column.unit) or bare
     values = column.values
     if not unit:

@@ -74,7 +74,8 @@ def proposed(columns: Sequence[Column]) -> Proposal | None:
     }
     every = [(column.unit, unit) for items in by_role.values() for column, _, unit in items]
     units = {unit for _, unit in every}
-    if "" not in units and len(units) == 2 and any(not written for written, _ in every):
+    one_of_each = len(units) == 2 and units & set(CURRENTS) and units & set(LENGTHS)
+    if one_of_each and any(not written for written, _ in every):
         given["units"] = sorted(units)
     return Proposal(given)
 
