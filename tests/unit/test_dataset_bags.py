@@ -100,6 +100,14 @@ def read_bag(path: Path, **options: Any) -> IdentificationData:
     return recorded_data(Recording.read(path), **options)
 
 
+def test_samples_that_are_not_finite_are_left_out_where_that_is_asked_for(tmp_path: Path) -> None:
+    topic, kind, content = telemetry(1, 0)
+    content["axes"][1].position[40] = np.nan
+    bag = write(tmp_path / "bag", [(topic, kind, content)])
+    assert spans(read(bag).data) == [(0, 100)]
+    assert spans(read(bag, repair="split").data) == [(0, 40), (41, 100)]
+
+
 def test_the_last_experiment_is_the_default(tmp_path: Path) -> None:
     data = read_bag(write(tmp_path / "bag", [status(1, 120, 300), *(telemetry(1, 100 * k) for k in range(6))]))
     assert spans(data) == [(120, 420)]

@@ -210,6 +210,27 @@ def test_constant_and_collinear_inputs_are_refused() -> None:
     assert_finding(check_inputs(open_loop(u)), INFO)
 
 
+def test_of_a_constant_input_only_that_is_said_not_how_little_it_excites() -> None:
+    still = open_loop(np.column_stack([white()[:, 0], np.full(3_000, 2.0)]))
+    assert_finding(check_excitation(still, 10), INFO, "not checked: constant inputs u2")
+    assert [finding.check for finding in check_data(still).errors] == ["inputs"]
+
+
+def test_no_order_is_advised_where_the_inputs_excite_none() -> None:
+    u = white()[:, :1]
+    copies = check_excitation(open_loop(np.hstack([u, u])), 2)
+    assert copies.severity is ERROR and copies.advice == "excite a wider band (squares, PRBS, multisine)"
+
+
+def test_what_a_command_can_do_is_advised_as_its_option() -> None:
+    """What only Python can is named as such."""
+    invalid = open_loop(np.where(np.arange(3_000)[:, None] == 7, np.nan, white()))
+    assert_finding(check_finite(invalid), ERROR, "--repair split (in Python: split_at_invalid)")
+    still = open_loop(np.column_stack([white()[:, 0], np.full(3_000, 2.0)]))
+    assert_finding(check_inputs(still), ERROR, "leave it out of --inputs (in Python: select)")
+    assert_finding(check_delay(open_loop(delay=0), feedback=False), WARNING, "identify with --feedthrough (in Python")
+
+
 def test_an_axis_whose_reference_does_not_move_is_warned_of() -> None:
     assert_finding(check_inputs(closed_loop()), INFO)
     one_axis = IdentificationData.from_record(loop_record(steps=2_000))

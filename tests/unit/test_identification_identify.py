@@ -158,7 +158,7 @@ REFUSED = {
     "NaN": (
         lambda data: edited(data, put(1, np.nan, output=True, rows=slice(700, 710))),
         {},
-        "y, first at step 700 of experiment 0: 10 of 6000 samples hold NaN .* leave them out with split_at_invalid",
+        "y, first at step 700 of experiment 0: 10 of 6000 samples hold NaN .* leave them out with --repair split",
     ),
     "infinite": (lambda data: edited(data, put(0, np.inf, rows=slice(9, 10))), {}, "i_x, first at step 9"),
     "constant input": (lambda data: edited(data, put(1, 1.5)), {}, "i_y: constant; excite every input"),

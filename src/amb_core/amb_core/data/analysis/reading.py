@@ -19,6 +19,7 @@ from amb_core.data.experiments import (
     IdentificationData,
     RecordedLoop,
     describe_tables,
+    split_at_invalid,
     written_data,
 )
 from amb_core.data.tables import ENDINGS, load_content, tables_of
@@ -67,7 +68,8 @@ def read(
     path, known = Path(path), _description(description, values)
     recording = _bag_at(path, None if first_step < 0 or not steps else (run, first_step, steps))
     if recording is not None and _as_it_is(recording, known):
-        return _loop(recorded_data(recording, run, first_step, steps), known, recording)
+        recorded = recorded_data(recording, run, first_step, steps)
+        return _loop(split_at_invalid(recorded) if known.repair == "split" else recorded, known, recording)
     if run is not None or first_step != -1 or steps:
         raise IdentificationError(f"data {path}: {NO_STEPS}")
     data, described = _data(path, recording, known)

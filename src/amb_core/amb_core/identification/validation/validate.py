@@ -221,7 +221,8 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
     for index, item in enumerate(data.experiments):
         if not np.isfinite(item.signals).all():
             raise IdentificationError(
-                f"experiment {index} holds values that are not finite; use split_at_invalid to leave them out"
+                f"experiment {index} holds values that are not finite; leave them out with --repair split (in Python: "
+                "split_at_invalid)"
             )
     return data
 

@@ -112,7 +112,7 @@ def check_delay(data: IdentificationData, feedback: bool = True, feedthrough: bo
             Severity.WARNING,
             f"no output responds to it within {lags} samples",
             ", ".join(silent),
-            "excite it more, or leave it out with select",
+            "excite it more, or leave it out of --inputs (in Python: select)",
         )
     if 0 in nearest and feedthrough:
         return Finding("delay", Severity.INFO, f"{what}; the model has direct feedthrough")
@@ -123,7 +123,7 @@ def check_delay(data: IdentificationData, feedback: bool = True, feedthrough: bo
             Severity.WARNING,
             what,
             advice="models have no direct feedthrough (D = 0) by default: unless a controller responds within the "
-            f"sample, identify with feedthrough, or use advance_inputs(data, {advance})",
+            f"sample, identify with --feedthrough (in Python also: advance_inputs(data, {advance}))",
         )
     return _dead_time(data, what)
 
@@ -139,7 +139,7 @@ def _dead_time(data: IdentificationData, what: str) -> Finding:
         "delay",
         Severity.WARNING if max(dead) >= _LONG_DEAD_TIME else Severity.INFO,
         f"{what}; samples of dead time: {table}",
-        advice=f"dead time costs a state for each sample: advance_inputs(data, {dead}) removes it",
+        advice=f"dead time costs a state for each sample (in Python advance_inputs(data, {dead}) removes it)",
     )
 
 

@@ -82,18 +82,13 @@ def check_inputs(data: IdentificationData) -> Finding:
     Finding
         The inputs and references at fault.
     """
-    constant = [
-        name
-        for column, name in enumerate(data.input_names)
-        if all(np.ptp(item.inputs[:, column]) == 0.0 for item in data.experiments)
-    ]
-    if constant:
+    if constant := _constant_inputs(data):
         return Finding(
             "inputs",
             Severity.ERROR,
             "constant",
             ", ".join(constant),
-            "excite every input, or leave it out with select",
+            "excite every input, or leave it out of --inputs (in Python: select)",
         )
     factor, rows = triangle_of(u for u, _ in pieces(data, 0))
     _, strengths, directions = linalg.svd(factor / math.sqrt(rows))
@@ -130,6 +125,14 @@ def _still_references(data: IdentificationData) -> list[str]:
     return [name for name, move in zip(data.output_names, moves, strict=True) if move <= _STILL * moves.max()]
 
 
+def _constant_inputs(data: IdentificationData) -> list[str]:
+    return [
+        name
+        for column, name in enumerate(data.input_names)
+        if all(np.ptp(item.inputs[:, column]) == 0.0 for item in data.experiments)
+    ]
+
+
 def check_excitation(data: IdentificationData, order: int) -> Finding:
     """Compares the order of persistent excitation of the inputs with the order of the model.
 
@@ -153,6 +156,8 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
     ----------
     L. Ljung, System Identification, 2nd edition, 1999, section 13.2.
     """
+    if constant := _constant_inputs(data):
+        return Finding("excitation", Severity.INFO, f"not checked: constant inputs {', '.join(constant)}")
     p = len(data.output_names)
     wanted, least = 2 * order, 2 * math.ceil(order / p)
     usable = _usable(data, wanted)
@@ -171,7 +176,7 @@ def check_excitation(data: IdentificationData, order: int) -> Finding:
         Severity.ERROR if refused else Severity.WARNING,
         what,
         ", ".join(data.input_names),
-        f"excite a wider band (squares, PRBS, multisine), or ask for order {max(1, lower)}",
+        "excite a wider band (squares, PRBS, multisine)" + (f", or ask for order {lower}" if lower else ""),
     )
 
 

@@ -51,7 +51,7 @@ def check_finite(data: IdentificationData) -> Finding:
         Severity.ERROR,
         f"{wrong} of {data.samples} samples hold NaN or infinite values",
         where,
-        "leave them out with split_at_invalid",
+        "leave them out with --repair split (in Python: split_at_invalid)",
     )
 
 
@@ -213,7 +213,8 @@ def check_offsets(data: IdentificationData) -> Finding:
             Severity.WARNING,
             f"a straight line explains more than {100.0 * _DRIFT:.0f} % of the variance",
             ", ".join(drifting),
-            "the operating point drifts: remove it with detrend(data, 'linear'), or choose a part without drift",
+            "the operating point drifts: remove it with --drift prefilter (in Python also: detrend(data, 'linear')), or "
+            "choose a part without drift",
         )
     if apart:
         return Finding(
