@@ -37,6 +37,12 @@ def amb_certify(model: Path, out: Path, *words: object) -> tuple[Result, dict]:
     return result, json.loads((out / "certificate.json").read_text())
 
 
+def test_the_help_names_every_kind_of_controller() -> None:
+    shown = CliRunner().invoke(app, ["certify", "--help"], env={"COLUMNS": "200"}).output
+    for kind in ("paper, pd:K_P,K_D", "pd:K_P,K_D,measurement", ".yaml", ".json, .npz or .mat"):
+        assert kind in shown
+
+
 def test_without_data_margins_are_computed_but_nothing_is_certified(files, tmp_path: Path) -> None:
     result, certificate = amb_certify(files[0], tmp_path)
     assert result.exit_code == 4

@@ -50,6 +50,19 @@ def test_an_idss_of_matlab_is_a_model(bearing: LinearBearing, tmp_path: Path) ->
     assert not StateSpaceModel.load(tmp_path / "plant.mat").k.any(), "an ss, which has no noise"
 
 
+def test_a_numpy_archive_may_hold_a_model_under_the_names_of_matlab(bearing: LinearBearing, tmp_path: Path) -> None:
+    matrices = {name: getattr(bearing.model, name.lower()) for name in "ABCD"} | {"Ts": bearing.sample_time}
+    np.savez(tmp_path / "plant.npz", **matrices, InputName=["i_x", "i_y"], OutputName=["x", "y"])
+    read = StateSpaceModel.load(tmp_path / "plant.npz")
+    assert all(np.array_equal(getattr(read, name), getattr(bearing.model, name)) for name in "abcd")
+    assert (read.input_names, read.output_names) == (("i_x", "i_y"), ("x", "y"))
+    np.savez(tmp_path / "one.npz", A=0.9, B=[[1.0]], C=[[1.0]], D=0.0, Ts=1e-3, InputName=["current"], OutputName=["x"])
+    assert StateSpaceModel.load(tmp_path / "one.npz").input_names == ("current",)
+    np.savez(tmp_path / "nameless.npz", **matrices)
+    with pytest.raises(IdentificationError, match=r"nameless\.npz: lacks InputName, OutputName; a model is A, B"):
+        StateSpaceModel.load(tmp_path / "nameless.npz")
+
+
 def test_a_mat_file_without_a_model_is_refused_in_one_line(tmp_path: Path) -> None:
     io.savemat(tmp_path / "other.mat", {"A": np.eye(2)})
     (tmp_path / "damaged.mat").write_bytes((tmp_path / "other.mat").read_bytes()[:150])

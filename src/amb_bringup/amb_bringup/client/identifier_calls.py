@@ -182,8 +182,8 @@ class IdentifierCalls(GraphConnection):
         Parameters
         ----------
         controller : str or Path, optional
-            Controller to certify: `paper`, a ROS parameter file (.yaml), the file of a linear controller (.json, .npz,
-            .mat), or the name of a running node; by default that of the experiment.
+            Controller to certify: `paper`, `pd:K_P,K_D` (A/m, A s/m), a ROS parameter file (.yaml), the file of a
+            linear controller (.json, .npz, .mat), or the name of a running node; by default that of the experiment.
         model : str or Path, optional
             File of the model; by default the last identified one.
         bag : str or Path, optional

@@ -35,8 +35,9 @@ def certify(
     controller: Annotated[
         str,
         typer.Option(
-            help="Controller to certify: paper, a ROS parameter file (.yaml), or the file of a linear controller "
-            "(.json, .npz or .mat); by default that of the experiment."
+            help="Controller to certify: paper, pd:K_P,K_D in A/m and A s/m with the derivative on the position error, "
+            "pd:K_P,K_D,measurement with that on the measured position, a ROS parameter file (.yaml), or the file of a "
+            "linear controller (.json, .npz or .mat); by default that of the experiment."
         ),
     ] = "",
     bag: Annotated[

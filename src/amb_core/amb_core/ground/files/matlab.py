@@ -30,8 +30,8 @@ def cell(items: Sequence[Any]) -> NDArray[Any]:
 
 
 def texts(value: NDArray[Any]) -> list[str]:
-    """The texts of a cell, or the one text of a character array; an empty one comes back as an empty array."""
-    items = value.ravel().tolist() if value.dtype == object else [value]
+    """The texts of a cell or list, or the one text of a character array; an empty one comes back as an empty array."""
+    items = value.ravel().tolist() if value.dtype == object or value.size > 1 else [value]
     return ["".join(np.asarray(item).ravel().tolist()) for item in items]
 
 

@@ -1,4 +1,4 @@
-"""A model as the variables of a MATLAB or Octave file.
+"""A model as the variables of a MATLAB or Octave file, or of a NumPy archive with the same names.
 
 In MATLAB, `idss(A, B, C, D, K, X0, Ts, 'NoiseVariance', NoiseVariance, 'InputName', InputName, 'OutputName',
 OutputName)` has the model; in Octave, `ss(A, B, C, D, Ts)` has its deterministic part.
@@ -61,6 +61,7 @@ def fields_of(variables: Mapping[str, Any]) -> dict[str, Any]:
             f"lacks {', '.join(missing)}; a model is {', '.join(_NEEDED)}, such as those of an idss, which has K too; "
             f"found {present}"
         )
+    variables = dict(variables) | {name: np.atleast_2d(variables[name]) for name in "ABCD"}
     inputs, outputs, states = (variables[name].shape[axis] for name, axis in (("B", 1), ("C", 0), ("A", 0)))
     values = {
         "k": np.zeros((states, outputs)),

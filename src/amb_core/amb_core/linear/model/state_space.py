@@ -196,12 +196,13 @@ class StateSpaceModel(LinearSystem):
 
     @classmethod
     def load(cls, path: str | Path) -> StateSpaceModel:
-        """Read a model that `save` has written.
+        """Read a model that `save` has written, or the matrices of one from elsewhere.
 
         Parameters
         ----------
         path : str or Path
-            File of a format that `save` writes, or a folder of results with a model.json.
+            File of a format that `save` writes, or a folder of results with a model.json. A `.mat` or `.npz` file may
+            hold A, B, C, D, Ts, InputName and OutputName only, as of an `idss` or `ss` of MATLAB.
 
         Returns
         -------
@@ -219,7 +220,10 @@ class StateSpaceModel(LinearSystem):
         ending = _ending(path)
         with reading("model", path):
             if ending == ".npz":
-                content: dict[str, Any] = {name: array.tolist() for name, array in load_arrays(path).items()}
+                arrays = load_arrays(path)
+                content: dict[str, Any] = (
+                    fields_of(arrays) if "A" in arrays else {name: array.tolist() for name, array in arrays.items()}
+                )
             elif ending == ".mat":
                 content = fields_of(load_variables(path))
             else:

@@ -213,8 +213,8 @@ def check_offsets(data: IdentificationData) -> Finding:
             Severity.WARNING,
             f"a straight line explains more than {100.0 * _DRIFT:.0f} % of the variance",
             ", ".join(drifting),
-            "the operating point drifts: remove it with --drift prefilter (in Python also: detrend(data, 'linear')), or "
-            "choose a part without drift",
+            "the operating point drifts: remove it with --drift prefilter (in Python also: detrend(data, 'linear')), "
+            "or choose a part without drift",
         )
     if apart:
         return Finding(
