@@ -21,7 +21,7 @@ def absolute(path: str | Path) -> str:
 def description_text(description: DataDescription | str | Path) -> str:
     """A description of data as text for a node in another folder: its content, or an absolute path."""
     if not isinstance(description, str | Path):
-        return description.text
+        return description.with_absolute_controller().text
     return absolute(description) if str(description).lower().endswith(FILES) else str(description)
 
 

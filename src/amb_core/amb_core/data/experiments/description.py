@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -13,6 +14,7 @@ from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import read_text, shown
 
 Repair = Literal["none", "split", "resample"]
+_CONTROLLER_FILES = (".yaml", ".yml", ".json", ".npz", ".mat")
 LISTS = ("inputs", "outputs", "reference", "units", "topics")
 """Fields that are lists; as options, their items have commas between them."""
 
@@ -93,7 +95,7 @@ class DataDescription(BaseModel):
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
-        """Read a description that `save` has written.
+        """Read a description that `save` has written; the file of its controller is looked for beside it first.
 
         Parameters
         ----------
@@ -112,7 +114,9 @@ class DataDescription(BaseModel):
         """
         path = Path(path)
         with reading("description", path):
-            return cls._of_text(read_text(path))
+            known = cls._of_text(read_text(path))
+        beside = path.parent / known.controller
+        return known._with_controller(str(beside)) if known._names_a_file and beside.is_file() else known
 
     @classmethod
     def given(cls, text: str) -> Self:
@@ -149,7 +153,7 @@ class DataDescription(BaseModel):
         return cls.of(**content)
 
     def save(self, path: str | Path) -> None:
-        """Write the fields that are given as YAML.
+        """Write the fields that are given as YAML, the file of a controller as seen from the folder of this one.
 
         Parameters
         ----------
@@ -161,8 +165,11 @@ class DataDescription(BaseModel):
         IdentificationError
             If the file cannot be written.
         """
+        path, written = Path(path), self
+        if self._names_a_file and not Path(self.controller).is_absolute() and Path(self.controller).is_file():
+            written = self._with_controller(Path(os.path.relpath(self.controller, path.parent)).as_posix())
         try:
-            Path(path).write_text(self.text, encoding="utf-8")
+            path.write_text(written.text, encoding="utf-8")
         except OSError as problem:
             raise IdentificationError(f"description {path}: cannot be written: {problem.strerror}") from None
 
@@ -185,6 +192,23 @@ class DataDescription(BaseModel):
         elif "sample_time" in given and "rate" not in given:
             given["rate"] = None
         return type(self).of(**{**self.model_dump(), **given})
+
+    def with_absolute_controller(self) -> DataDescription:
+        """The description for a reader in another folder.
+
+        Returns
+        -------
+        DataDescription
+            The same, with the absolute path of the file of the controller, if it has one.
+        """
+        return self._with_controller(str(Path(self.controller).absolute())) if self._names_a_file else self
+
+    @property
+    def _names_a_file(self) -> bool:
+        return self.controller.lower().endswith(_CONTROLLER_FILES)
+
+    def _with_controller(self, controller: str) -> Self:
+        return self.model_copy(update={"controller": controller})
 
     @property
     def text(self) -> str:
