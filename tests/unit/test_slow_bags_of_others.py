@@ -60,6 +60,33 @@ def test_the_ends_of_names_say_which_topics_belong_together(bag: Path) -> None:
     assert loop.data.output_names == ("x",)
 
 
+@pytest.mark.parametrize(
+    ("late", "note"),
+    [
+        (0.0, ""),
+        (0.05, ""),
+        (0.3, "/rig/pos is usually 0.3 of a sample before /rig/cmd"),
+        (-0.3, "0.3 of a sample after"),
+    ],
+)
+def test_a_topic_whose_stamps_are_between_those_of_the_first_is_named(tmp_path: Path, late: float, note: str) -> None:
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        for topic, kind, values, lag in (("/rig/pos", POINT, "point", 0.0), ("/rig/cmd", VECTOR, "vector", late)):
+            of = TYPES.types
+            connection = writer.add_connection(topic, kind, typestore=TYPES)
+            for step in range(60):
+                at = 1_700_000_000_000_000_000 + round((step + lag) * 4_000_000)
+                stamp = of["builtin_interfaces/msg/Time"](sec=at // 10**9, nanosec=at % 10**9)
+                header = of["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+                content = of[f"geometry_msgs/msg/{'Point' if kind == POINT else 'Vector3'}"](x=step % 5, y=0.0, z=0.0)
+                message = of[kind](header=header, **{values: content})
+                writer.write(connection, at, TYPES.serialize_cdr(message, kind))
+    loop = read(tmp_path / "bag", inputs="i=cmd.vector.x", outputs="x=pos.point.x", units="m,A", controller="none")
+    assert loop.described is not None
+    lags = [line for line in loop.described.notes if "simultaneous" in line]
+    assert note in "".join(lags) and len(lags) == bool(note)
+
+
 def test_a_name_that_no_topic_has_is_refused_with_those_there_are(bag: Path) -> None:
     with pytest.raises(IdentificationError, match=r"no topic has a column pos.w; there are /rig/.*pos.point.x"):
         read(bag, **{**COLUMNS, "outputs": ["pos.w"]})

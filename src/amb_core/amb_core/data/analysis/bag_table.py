@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.experiments.clock import TOLERANCE
 from amb_core.data.tables import Column, Table
 from amb_core.data.tables.table import ends_in
 from amb_core.ground.errors import BagError, IdentificationError
@@ -134,6 +135,7 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
     (first, (time, signals, stamped)), *others = parts.items()
     kept = np.ones(len(time), dtype=bool)
     signals = dict(signals)
+    notes = [f"times of {'headers' if stamped else 'recording, since there are no headers'}"]
     half = 0.5 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0
     for name, (other, values, also) in others:
         if also != stamped:
@@ -144,7 +146,11 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
             raise IdentificationError(f"{path}: {name} has {len(other)} messages; leave it out with --topics")
         nearest = np.clip(np.searchsorted(other, time), 1, len(other) - 1)
         nearest -= (time - other[nearest - 1]) < (other[nearest] - time)  # integers: a double holds no ns of a date
-        kept &= np.abs(other[nearest] - time) <= half
+        later = other[nearest] - time
+        kept &= np.abs(later) <= half
+        if abs(usual := float(np.median(later)) / (2.0 * half or 1.0)) >= TOLERANCE:
+            lag = f"{abs(usual):.2g} of a sample {'after' if usual > 0.0 else 'before'} {first}"
+            notes.append(f"{name} is usually {lag}; taken as simultaneous, so the model has this lag")
         signals |= {key: value[nearest] for key, value in values.items()}
     if kept.sum() < 0.5 * len(time):
         raise IdentificationError(
@@ -152,7 +158,6 @@ def _joined(path: str, parts: dict[str, _Part]) -> Table:
             "time; name topics of one time with --topics"
         )
     seconds = (time[kept] - time[0]) * 1e-9
-    notes = [f"times of {'headers' if stamped else 'recording, since there are no headers'}"]
     if lost := int((~kept).sum()):
         notes.append(f"{lost} of {len(time)} messages of {first} have no partner in the other topics")
     columns = [Column(key, value[kept]) for key, value in signals.items()]
