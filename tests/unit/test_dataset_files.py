@@ -166,6 +166,18 @@ def test_decimal_commas_are_found_whatever_separates_a_few_columns(
     assert loop.described is not None and "decimal commas" in loop.described.notes
 
 
+@pytest.mark.parametrize("mark", [",", " "])
+def test_names_in_a_comment_above_the_numbers_are_those_of_the_columns(tmp_path: Path, mark: str) -> None:
+    """As `numpy.savetxt` writes a header by default."""
+    numbers = np.random.default_rng(4).normal(size=(40, 2))
+    header = mark.join(["speed", "u"])
+    np.savetxt(tmp_path / "np.csv", numbers, delimiter=mark, header=f"measured on Monday{mark}\n{header}")
+    loop = read(tmp_path / "np.csv", rate=1e3, controller="none", inputs=["u"], outputs=["speed"])
+    assert np.array_equal(loop.data.experiments[0].inputs[:, 0], numbers[:, 1])
+    assert loop.described is not None
+    assert "names of the columns from the comment above them" in loop.described.notes
+
+
 def rows_of_r(names: list[str]) -> str:
     """Lines with names of rows, under a heading without one, as `write.table(sep=",")` of R."""
     lines = ['"i_x","i_y","x","y"', *(f'"{name}",{k % 3},{k % 5},{k % 7},{k % 4}' for k, name in enumerate(names))]

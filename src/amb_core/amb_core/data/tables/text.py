@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -51,7 +52,7 @@ def columns_of_text(
     path: str, separator: str, decimal: str
 ) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str], dict[str, Any] | None]:
     """As `read_text_table` in this process: the attributes of the columns, the notes, and the JSON of a written one."""
-    lines, cut, about = _lines(path)
+    lines, cut, comment, about = _lines(path)
     mark, point = _format(lines, separator, decimal) if about is None else (",", ".")
     rows = _cells(lines, mark)
     # the one heading of a written text may be of numbers
@@ -66,11 +67,17 @@ def columns_of_text(
     first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
     numbers = _numbers(rows[first:], count, point)
     headings, fewer = headings_of(rows[:first], count)
+    above = _cells([comment], mark) if comment and not headings and about is None else []
+    commented = bool(above) and _are_names(above[0], count, point)
+    if commented:
+        headings, _ = headings_of(above, count)
     notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
     if point == ",":
         notes.append("decimal commas")
     if cut or len(numbers) < len(rows) - first:
         notes.append("the last row is cut off and was left out")
+    if commented:
+        notes.append("names of the columns from the comment above them")
     if fewer:
         numbers, headings, count = without_row_names(numbers), headings[1:], count - 1
         notes.append("the first column has no name and those of the rows: left out")
@@ -84,8 +91,16 @@ def columns_of_text(
     return columns, notes, about
 
 
-def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
-    """The lines without comments, whether the last one was cut off and is left out, and the JSON of a written text."""
+def _are_names(cells: Sequence[str], count: int, point: str) -> bool:
+    """Whether a comment, split into cells, names all columns."""
+    return len(cells) == count and all(cell.strip() and not _is_data([cell], point) for cell in cells)
+
+
+def _lines(path: str) -> tuple[list[str], bool, str, dict[str, Any] | None]:
+    """The lines without comments, whether the last one was cut off and is left out, and what comments say.
+
+    These are the last one above all other lines, and the JSON of a written text.
+    """
     with open_regular(path) as file:
         content = file.read()
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
@@ -95,7 +110,8 @@ def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
         text = content.decode("cp1252", errors="replace")  # as spreadsheets of older systems write
     if "\x00" in text:
         raise IdentificationError("is not a text; files of numbers end in .csv, .mat, .npz or .parquet")
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(_COMMENTS)]
+    written = [line for line in text.splitlines() if line.strip()]
+    lines = [line for line in written if not _is_comment(line)]
     if not lines:
         raise IdentificationError("is empty: there must be rows of numbers, below the names of the columns")
     if longest := max(map(len, lines)) // LONGEST_LINE:
@@ -103,7 +119,13 @@ def _lines(path: str) -> tuple[list[str], bool, dict[str, Any] | None]:
     before = lines[-_LOOKED_AT:-1]
     cut = bool(before) and not text.endswith(("\n", "\r")) and len(lines[-1]) < min(map(len, before)) - 1
     about = json.loads(text.splitlines()[0].removeprefix(WRITTEN)) if text.startswith(WRITTEN) else None
-    return (lines[:-1] if cut else lines), cut, about
+    above = list(itertools.takewhile(_is_comment, written))
+    comment = above[-1].strip().lstrip("".join(_COMMENTS)).strip() if above else ""
+    return (lines[:-1] if cut else lines), cut, comment, about
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENTS)
 
 
 def _format(lines: Sequence[str], separator: str, decimal: str) -> tuple[str, str]:
