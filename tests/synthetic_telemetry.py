@@ -17,6 +17,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.regions import Region
 
 RATE = 10_000.0
+CLEARANCE = {"x": 250e-6, "y": 250e-6}  # m
 FAMILIES = ("drift", "oscillation", "contact", "resonance", "beat", "noise")
 PLANTED = {"drift": Region.B, "oscillation": Region.C, "contact": Region.D}
 OTHER_EXCITATIONS = {

@@ -97,6 +97,11 @@ class RegionWatch:
         self._machine, self._step_at_machine = machine, self.next_step
 
     @property
+    def not_judged(self) -> str:
+        """What could not be judged in the present run, and why; empty if everything was."""
+        return "" if self._classifier is None else "; ".join(self._classifier.judged.reservations)
+
+    @property
     def machine_problem(self) -> str:
         """How the bearings of the present run are not those of the machine; empty if they are."""
         if self._classifier is None:

@@ -271,6 +271,7 @@ class RegionMonitorNode(Node):
             early = region is Region.A and not watch.state.settled
             summary = f"region {MEANINGS[region]}" + (", too early for B and C" if early else "")
             values |= shown(watch.state)
+            values["not judged"] = watch.not_judged or "nothing"
             frozen = [axis.name for axis in watch.state.axes if axis.frozen]
             if frozen:
                 problem = f"position {' and '.join(frozen)} does not change while the reference moves: sensor frozen?"

@@ -329,21 +329,41 @@ def loop_record(drift: float = 0.0, amplitude: float = 10e-6, steps: int = 15_00
 
 @pytest.mark.slow
 def test_a_region_other_than_a_is_warned_of_with_the_steps_to_keep() -> None:
-    assert_finding(check_region(IdentificationData.from_record(loop_record())), INFO, "region A throughout")
-    drifting = check_region(IdentificationData.from_record(loop_record(drift=30e-6)))
+    assert_finding(check_region(of_known_clearance(loop_record())), INFO, "region A throughout")
+    drifting = check_region(of_known_clearance(loop_record(drift=30e-6)))
     assert_finding(drifting, WARNING, "region B (the bias drifts) from step", "at 100 Hz", "keep the steps before")
-    touching = IdentificationData.from_record(loop_record(amplitude=700e-6, steps=6_000))
+    touching = of_known_clearance(loop_record(amplitude=700e-6, steps=6_000))
     assert_finding(check_region(detrend(touching)), WARNING, "region D (delevitated)")
     micrometres = replace(loop_record(), position=1e6 * loop_record().position)
-    advice = check_region(IdentificationData.from_record(micrometres)).advice
-    assert advice == "no linear model holds outside region A, but no step is in it: check the units, or excite less"
+    advice = check_region(of_known_clearance(micrometres)).advice
+    assert advice == (
+        "no linear model holds outside region A, but no step is in it: check the units, and that positions count from "
+        "the centre of the bearing, or excite less"
+    )
+
+
+def of_known_clearance(record: LoopRecord) -> IdentificationData:
+    return replace(IdentificationData.from_record(record), clearance=dict.fromkeys(record.axes, 250e-6))
+
+
+def test_without_a_clearance_delevitation_is_not_judged() -> None:
+    far = replace(loop_record(), position=loop_record().position + 300e-6)
+    finding = check_region(IdentificationData.from_record(far))
+    assert_finding(finding, INFO, "no B or C found; D not judged: the clearance is not known")
+
+
+def test_where_the_loop_follows_its_input_the_check_does_not_say_region_a() -> None:
+    record = loop_record()
+    followed = replace(record, position=record.position + 0.55 * record.reference)
+    finding = check_region(of_known_clearance(followed))
+    assert_finding(finding, INFO, "no C or D found; B not judged in", "(x): the response is at 0.7 of the input")
 
 
 def test_what_cannot_be_judged_says_why() -> None:
     assert_finding(check_region(open_loop()), INFO, "not checked: a record of the loop needs the reference")
     short = IdentificationData.from_record(loop_record(steps=2_000))
     assert_finding(check_region(short), INFO, "not checked: the record is too short for B and C")
-    long = IdentificationData.from_record(loop_record())
+    long = of_known_clearance(loop_record())
     both = check_region(replace(long, experiments=(*short.experiments, *long.experiments)))
     assert_finding(both, INFO, "region A throughout, but too short for B and C: experiments 0")
 

@@ -10,7 +10,7 @@ import pytest
 
 from amb_core.ground.errors import RegionError
 from amb_core.loop.records import LoopRecord
-from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_core.regions import AxisState, Classification, Judged, Onset, Region, RegionState
 from amb_core.report.figures.drawing import Curve, Panel, Rule, Span
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.thinning import extremes, thinned_path
@@ -44,7 +44,7 @@ def classification() -> Classification:
         axis = AxisState(region, since, *[0.0] * 8, sampling_beat=15_000 < stop <= 15_500)
         states.append(RegionState(stop - 1, (axis, axis), (), region, since, 0.0, stop > 500))
     last = replace(states[-1], region=Region.D, since=END)
-    return Classification([*states, last], {Region.B: DRIFT, Region.D: END}, {"x": {}, "y": {Region.B: DRIFT}})
+    return Classification([*states, last], {Region.B: DRIFT, Region.D: END}, {"x": {}, "y": {Region.B: DRIFT}}, Judged({}, {}, 0.7))
 
 
 def of_kind(panel: Panel, kind: type) -> list:

@@ -15,7 +15,7 @@ from amb_core.ground.errors import IdentificationError
 from amb_core.identification.estimate.arx import arx as identify_arx
 from amb_core.identification.focus.sweep_error import SweepError, sweep_error
 from amb_core.loop.records import LoopRecord
-from amb_core.regions import Classification, Onset, Region
+from amb_core.regions import Classification, Judged, Onset, Region
 from amb_paper import graph_experiment
 from amb_paper.graph_experiment import GraphExperiment, LoopRun, equality_claim
 from amb_paper.model_trials import ModelTask, ModelTrial
@@ -56,7 +56,7 @@ def errors(first: float, last: float) -> SweepError:
 
 
 def regions(*begun: Region) -> Classification:
-    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in begun}, {"x": {}, "y": {}})
+    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in begun}, {"x": {}, "y": {}}, Judged({}, {}, 0.7))
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.regions import Classification
+from amb_core.regions import Classification, Judged
 from amb_paper.studies.sweep_rig import (
     CONFIGURED,
     Resonance,
@@ -33,7 +33,7 @@ def swept(y: np.ndarray) -> SweptBearing:
     """A sweep with a given response on y (m)."""
     position = np.column_stack([np.zeros(STEPS), y])
     record = LoopRecord(0, 1e-4, np.zeros((STEPS, 2)), position, np.zeros((STEPS, 2)))
-    return SweptBearing(Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, {"x": {}, "y": {}}))
+    return SweptBearing(Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, {"x": {}, "y": {}}, Judged({}, {}, 0.7)))
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,14 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
+from amb_core.data.analysis import read, read_recording
 from amb_core.data.analysis.recorded_regions import classify_run
+from amb_core.data.experiments.checks import check_region
 from amb_core.ground.errors import BagError, ParameterError, RegionError
 from amb_core.recording import BagWriter, Recording
 from amb_core.regions import Region
 from amb_core.regions.stretches import stretches
+from amb_core.report.pages.recording import recording_report
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 for file in (Path(__file__).parents[2] / "amb_msgs" / "msg").glob("*.msg"):
@@ -267,6 +270,35 @@ def test_the_command_prints_the_onsets_and_writes_figures_and_summary(tmp_path: 
     assert summary["delevitated"] is True
     assert summary["onsets"]["rotor"]["B"]["input_frequency"] == pytest.approx(400.0, abs=12.0)
     assert sum(summary["shares"].values()) == pytest.approx(1.0)
+
+
+def write_fall(file: Path) -> None:
+    """A table of one axis in um without a word on the clearance: after 1 s the rotor lies 150 um beside the centre."""
+    steps, random = 20_000, np.random.default_rng(0)
+    reference = 5.0 * np.sin(2.0 * np.pi * 300.0 * np.arange(steps) / RATE)
+    position = 0.3 * reference + 0.05 * random.standard_normal(steps)
+    position[steps // 2 :] = 150.0 + 0.05 * random.standard_normal(steps // 2)
+    table = np.column_stack([np.arange(steps) / RATE, 0.008 * (reference - position), position, reference])
+    np.savetxt(file, table, delimiter=",", header="time [s],i_x [A],x [um],r_x [um]", comments="", fmt="%.9g")
+
+
+def test_a_table_without_a_clearance_is_not_said_to_be_free_of_delevitation(tmp_path: Path) -> None:
+    write_fall(tmp_path / "fall.csv")
+    command = ["regions", str(tmp_path / "fall.csv"), "--out", str(tmp_path / "out")]
+    said = CliRunner().invoke(app, command, catch_exceptions=False).stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "D not judged: the clearance is not known" in said and "--clearance" in said and "D 0.0 %" not in said
+    assert summary["shares"]["D"] is None and summary["not_judged"]["D"] == ["x"]
+    recording, _ = read_recording(tmp_path / "fall.csv")
+    report = recording_report(recording, order=2)
+    assert "Region A" not in report.lead and "D not judged: the clearance is not known." in report.lead
+
+    said = CliRunner().invoke(app, [*command, "--clearance", "140um"], catch_exceptions=False).stdout
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "not judged" not in said and "in region D" in said
+    assert summary["onsets"]["rotor"]["D"]["step"] == 10_000
+    data = read(tmp_path / "fall.csv", clearance="140um", controller="none").data
+    assert check_region(data).what.startswith("region D (delevitated) from step 10000")
 
 
 def test_the_command_refuses_a_bag_that_is_not_there(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from amb_core.regions import Region, RegionClassifier, RegionParameters, RegionS
 from amb_core.regions.stretches import stretches
 
 RATE = 10_000.0
-PARAMETERS = RegionParameters()
+PARAMETERS = RegionParameters(backup_bearing_radius=250e-6)
 
 
 def telemetry(
@@ -215,7 +215,7 @@ def test_a_record_that_is_too_short_for_b_is_not_called_region_a(duration: float
 
 
 def test_regions_follow_one_another(eventful: LoopRecord) -> None:
-    classification = classify(eventful)
+    classification = classify(eventful, PARAMETERS)
     assert {region: onset.time for region, onset in classification.axis_onsets["y"].items()} == pytest.approx(
         {Region.B: 1.0, Region.C: 1.7, Region.D: 2.605}, abs=0.02
     )
@@ -224,7 +224,7 @@ def test_regions_follow_one_another(eventful: LoopRecord) -> None:
 
 
 def test_delevitation_is_told_at_its_step(eventful: LoopRecord) -> None:
-    states = classify(eventful).states
+    states = classify(eventful, PARAMETERS).states
     first = next(state for state in states if state.region is Region.D)
     assert first.step == first.since.step == 26_050
     assert first.axis("x").region is Region.D
@@ -235,8 +235,45 @@ def test_delevitation_is_told_at_its_step(eventful: LoopRecord) -> None:
 def test_delevitation_counts_from_the_centre_in_any_direction() -> None:
     position = np.full((500, 2), 180e-6)
     zeros = np.zeros_like(position)
-    assert classify(LoopRecord(0, 1e-4, zeros, position, zeros)).onsets[Region.D].step == 0
-    assert classify(LoopRecord(0, 1e-4, zeros, position * 0.97, zeros)).onsets == {}
+    assert classify(LoopRecord(0, 1e-4, zeros, position, zeros), PARAMETERS).onsets[Region.D].step == 0
+    assert classify(LoopRecord(0, 1e-4, zeros, position * 0.97, zeros), PARAMETERS).onsets == {}
+
+
+def test_delevitation_is_judged_only_where_the_clearance_is_known(eventful: LoopRecord) -> None:
+    unknown = classify(eventful)
+    assert Region.D not in unknown.onsets
+    assert unknown.judged.absent() == "no B or C"
+    assert unknown.judged.reservations == ("D not judged: the clearance is not known",)
+    known = classify(eventful, clearance={"x": 250e-6, "y": 250e-6})
+    assert known.onsets[Region.D].step == 26_050 and known.judged.complete()
+
+
+def slow_response(kind: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A reference that the loop follows throughout, and the position, for 4 s."""
+    time, random = seconds(4.0), np.random.default_rng(3)
+    tones = {"sine": (20.0,), "multisine": np.arange(2.0, 200.0, 0.25)}[kind]
+    reference = sum(np.sin(2.0 * np.pi * one * time + random.uniform(0.0, 2.0 * np.pi)) for one in tones)
+    reference = 10e-6 * reference / np.abs(reference).max()
+    return reference, 0.95 * reference + 0.05e-6 * random.standard_normal(len(time))
+
+
+@pytest.mark.parametrize("kind", ["sine", "multisine"])
+def test_where_the_loop_follows_its_input_b_is_said_to_be_not_judged(kind: str) -> None:
+    reference, followed = slow_response(kind)
+    jumping = followed + 20e-6 * (seconds(4.0) > 2.0)
+    classification = classify(telemetry(jumping, reference), PARAMETERS)
+    judged = classification.judged
+    assert Region.B not in classification.onsets, "the exclusion is part of the algorithm"
+    assert judged.absent("y") == "no C or D" and not judged.complete()
+    (said,) = judged.reservations
+    assert said.startswith("B not judged in ") and said.endswith("(y): the response is at 0.7 of the input or more (resonant)")
+
+
+def test_where_the_loop_resonates_for_a_part_b_is_judged_in_the_rest() -> None:
+    time = seconds(4.0)
+    amplitude = np.where(time < 2.0, 0.95, 0.3)
+    judged = classify(telemetry(amplitude * tone(40.0, 10e-6, time), tone(40.0, 10e-6, time)), PARAMETERS).judged
+    assert judged.without_drift_test("y") == pytest.approx(0.5, abs=0.1)
 
 
 def test_features_of_a_slow_oscillation() -> None:

@@ -17,14 +17,14 @@ from amb_core.regions import Onset, Region, classify
 from amb_core.regions.slow_signal import variance_change
 from amb_core.regions.trend import TrendTest, kink
 from tests import synthetic_telemetry as synthetic
-from tests.synthetic_telemetry import FAMILIES, Case, draw
+from tests.synthetic_telemetry import CLEARANCE, FAMILIES, Case, draw
 
 PLANTED = synthetic.PLANTED
 
 
 def judge(case: Case) -> str:
     """What the classifier makes of a case: `found`, `missed`, `false B`, `false C` or `quiet`."""
-    onsets = classify(case.record).onsets
+    onsets = classify(case.record, clearance=CLEARANCE).onsets
     planted = PLANTED.get(case.family)
     if planted is not Region.D:
         for region in (Region.B, Region.C):

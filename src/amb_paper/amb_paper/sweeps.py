@@ -120,7 +120,8 @@ def sweep_bearing(
     record = simulate_first_bearing(plant, controller, rest + signal.steps, signal.samples, rest)
     assert signal.frequency is not None  # a sweep has one
     frequency = np.concatenate([np.full(rest, np.nan), signal.frequency])[: record.steps]
-    classification = classify(record, delevitated=plant.delevitated, frequency=frequency)
+    clearance = dict.fromkeys(record.axes, parameters.rotor.backup_bearing_radius)
+    classification = classify(record, clearance=clearance, delevitated=plant.delevitated, frequency=frequency)
     return SweptBearing(plant, controller, record, frequency, classification)
 
 

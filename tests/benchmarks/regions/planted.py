@@ -6,7 +6,7 @@ import numpy as np
 
 from amb_core.regions import classify
 from tests.benchmarks.regions.spread import spread
-from tests.synthetic_telemetry import FAMILIES, PLANTED, draw
+from tests.synthetic_telemetry import CLEARANCE, FAMILIES, PLANTED, draw
 from tests.unit.test_regions_onsets import error_of, judge
 
 CASES, SEED = 200, 7
@@ -31,5 +31,5 @@ def outcome(number: int) -> tuple[str, str, float]:
     """Family of a case, what the classifier makes of it, and the relative error of a frequency that it found."""
     case = draw(FAMILIES[number % len(FAMILIES)], np.random.default_rng([SEED, number]))
     judged = judge(case)
-    error = abs(error_of(case, classify(case.record).onsets[PLANTED[case.family]])) if judged == "found" else 0.0
+    error = abs(error_of(case, classify(case.record, clearance=CLEARANCE).onsets[PLANTED[case.family]])) if judged == "found" else 0.0
     return case.family, judged, error

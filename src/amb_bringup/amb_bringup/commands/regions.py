@@ -64,7 +64,8 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
         "frozen": classified.frozen,
         "delevitated": classified.delevitated,
         "region_at_end": parts[-1].region.name if parts else None,
-        "shares": {region.name: share for region, share in shares(parts).items()},
+        "shares": {region.name: share for region, share in _judged_shares(classified, shares(parts)).items()},
+        "not_judged": classification.judged.as_dict,
         "onsets": {
             part: {region.name: _onset(region, onset) for region, onset in onsets.items()}
             for part, onsets in (("rotor", classification.onsets), *classification.axis_onsets.items())
@@ -80,6 +81,13 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
         ],
         "parameters": classified.parameters.model_dump(),
     }
+
+
+def _judged_shares(classified: RecordedRegions, share: dict[Region, float]) -> dict[Region, float | None]:
+    """The shares, with None for D where it was not judged and not reported either."""
+    found = classified.classification
+    judged = Region.D in found.judged.looked_for() or Region.D in found.onsets
+    return {region: part if region is not Region.D or judged else None for region, part in share.items()}
 
 
 def _onset(region: Region, onset: Onset) -> dict[str, Any]:
@@ -118,7 +126,7 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
     if classified.gaps:
         what = "missing" if classified.gaps == classified.missing else "missing or not finite"
         console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
-    console.print(_table(summary))
+    console.print(_table(classified, summary))
     if classified.frozen:
         console.print(classified.frozen_problem, style="yellow", highlight=False)
     if classified.longer > 1.0:
@@ -133,13 +141,23 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
     if summary["region_at_end"] is None:
         console.print("too short for B and C: they were not evaluated", style="yellow")
         return
-    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in summary["shares"].items())
-    console.print(f"at the end in region {summary['region_at_end']}; share of the time: {shares}")
+    judged = classified.classification.judged
+    linear = "A" if judged.complete() else judged.absent()
+    named = {name: linear if name == "A" else name for name in summary["shares"]}
+    known = {name: share for name, share in summary["shares"].items() if share is not None}
+    shares = ", ".join(f"{named[name]} {100 * share:.1f} %" for name, share in known.items())
+    at_end = summary["region_at_end"]
+    last = linear if at_end == "A" and linear != "A" else f"in region {at_end}"
+    console.print(f"at the end {last}; share of the time: {shares}")
+    for what in judged.reservations:
+        console.print(what, style="yellow", highlight=False)
+    if not all(judged.contact.values()):
+        console.print("give the clearance with --clearance, such as 250um, if positions count from the centre")
 
 
-def _table(summary: dict[str, Any]) -> Table:
+def _table(classified: RecordedRegions, summary: dict[str, Any]) -> Table:
 
-    classified = summary["region_at_end"] is not None
+    judged, long_enough = classified.classification.judged, summary["region_at_end"] is not None
     end = summary["first_step"] + summary["steps"]
     table = Table("", "region", "from (s)", "input (Hz)", "reason", title=f"Run {summary['run']}, {end} steps")
     for column in table.columns[2:4]:
@@ -150,7 +168,9 @@ def _table(summary: dict[str, Any]) -> Table:
             at = "" if frequency is None else f"{frequency:.1f}"
             table.add_row(part, name, f"{onset['time']:.3f}", at, onset["reason"])
         if not onsets:
-            table.add_row(part, *(("A", "", "", "no B, C or D") if classified else ("", "", "", "not classified")))
+            axis = None if part == "rotor" else part
+            found = ("A" if judged.complete(axis) else "", "", "", judged.absent(axis))
+            table.add_row(part, *(found if long_enough else ("", "", "", "not classified")))
     return table
 
 

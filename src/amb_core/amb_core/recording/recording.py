@@ -46,6 +46,9 @@ class Recording(RecordedRuns):
         Time from its first to its last message (s).
     truncated : str
         Why it cannot be read to its end; empty for a complete bag. Everything before the damage is read.
+    clearance : float or None
+        Displacement from the centre at which the rotor touches its radial bearings (m), where a user gives it: it
+        replaces what was recorded.
     """
 
     def __init__(self, content: BagContent) -> None:
@@ -54,6 +57,7 @@ class Recording(RecordedRuns):
         self.start = content.start
         self.duration = content.duration
         self.truncated = content.truncated
+        self.clearance: float | None = None
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:

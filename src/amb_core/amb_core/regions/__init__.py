@@ -2,6 +2,7 @@
 
 from amb_core.regions.classification import Classification, classify
 from amb_core.regions.classifier import RegionClassifier
+from amb_core.regions.judged import Judged
 from amb_core.regions.layout import Layout, MonitoredBearing, layout_of, layout_without_machine
 from amb_core.regions.parameters import RegionParameters
 from amb_core.regions.state import AxisState, BearingState, Onset, Region, RegionState
@@ -10,6 +11,7 @@ __all__ = [
     "AxisState",
     "BearingState",
     "Classification",
+    "Judged",
     "Layout",
     "MonitoredBearing",
     "Onset",

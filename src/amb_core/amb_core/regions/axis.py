@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import InputKind
+from amb_core.regions.judged import TestedUpdates
 from amb_core.regions.oscillation import SlowOscillation
 from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
 from amb_core.regions.slow_signal import HARMONICS, INAUDIBLE, TAPS, fit_window
@@ -51,6 +52,8 @@ class AxisClassifier:
         Controller sample time (s).
     interval : int
         Steps of an update interval.
+    tested : TestedUpdates
+        Counts the updates in which B is judged.
 
     Attributes
     ----------
@@ -74,8 +77,10 @@ class AxisClassifier:
         history: InputHistory,
         sample_time: float,
         interval: int,
+        tested: TestedUpdates,
     ) -> None:
         self._axis = axis
+        self._tested = tested
         self._parameters = parameters
         self._front_end = front_end
         self._history = history
@@ -195,8 +200,10 @@ class AxisClassifier:
             if self.drift is None:
                 self._trend.reset()
                 features.trend = features.trend_significance = 0.0
+            self._tested.leave_out()
             return
         latest = self._trend.add(features.bias)
+        self._tested.add(self._trend.count, self._trend.points)
         features.trend, features.trend_significance = latest.slope, latest.significance
         drifting = self._trend.drifting(parameters.drift_threshold)
         if drifting is not None and self.drift is None:

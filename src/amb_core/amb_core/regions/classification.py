@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from amb_core.ground.errors import RegionError
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.classifier import RegionClassifier
+from amb_core.regions.judged import Judged
 from amb_core.regions.layout import layout_of, layout_without_machine
 from amb_core.regions.parameters import RegionParameters
 from amb_core.regions.state import AxisState, Onset, Region, RegionState
@@ -28,11 +30,14 @@ class Classification:
         First onset of B, C and D of the rotor; regions that did not occur, or only after a higher one, are missing.
     axis_onsets : dict of str to dict
         By name of the axis: first evidence of each region, also after a higher one.
+    judged : Judged
+        What could be judged at all: the clearance may not be known, and B is not judged while the loop resonates.
     """
 
     states: list[RegionState]
     onsets: dict[Region, Onset]
     axis_onsets: dict[str, dict[Region, Onset]]
+    judged: Judged
 
 
 def classify(
@@ -40,6 +45,7 @@ def classify(
     parameters: RegionParameters | None = None,
     *,
     machine: Machine | None = None,
+    clearance: Mapping[str, float] | None = None,
     delevitated: bool = False,
     frequency: NDArray[np.float64] | None = None,
 ) -> Classification:
@@ -53,6 +59,9 @@ def classify(
         Thresholds and times. The defaults if None.
     machine : Machine, optional
         The machine, if it is known: its bearings and their clearances. None otherwise: see `layout_without_machine`.
+    clearance : mapping of str to float, optional
+        Without a machine, by axis: displacement from the centre at which the rotor touches its bearing (m). Where it is
+        not known, D is not judged, unless `delevitated` says it.
     delevitated : bool, optional
         Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
     frequency : ndarray, shape (steps,), optional
@@ -72,7 +81,7 @@ def classify(
     """
     if frequency is not None and frequency.shape != (record.steps,):
         raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")
-    layout = layout_without_machine(record.axes) if machine is None else layout_of(machine)
+    layout = layout_without_machine(record.axes, clearance) if machine is None else layout_of(machine)
     classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time, layout)
     states = classifier.feed(record)
     if delevitated:
@@ -88,7 +97,7 @@ def classify(
         first_of_axes = [onsets[region] for onsets in axes.values() if region in onsets]
         if first_of_axes:
             rotor[region] = min(first_of_axes, key=lambda onset: onset.step)
-    return Classification(states, _in_order(rotor), axes)
+    return Classification(states, _in_order(rotor), axes, classifier.judged)
 
 
 def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:

@@ -16,6 +16,7 @@ from amb_core.regions.contact import Contact
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import ExcitationChange, InputKind
+from amb_core.regions.judged import Judged, TestedUpdates
 from amb_core.regions.layout import ONE_BEARING, Layout, MonitoredBearing
 from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
 from amb_core.regions.slow_signal import TAPS
@@ -36,7 +37,7 @@ class RegionClassifier:
     sample_time : float
         Controller sample time (s).
     layout : Layout, optional
-        Axes and bearings; by default x and y of a single bearing.
+        Axes and bearings; by default x and y of a single bearing, whose clearance is not known.
 
     Attributes
     ----------
@@ -70,7 +71,15 @@ class RegionClassifier:
         self.returns: list[tuple[int, int]] = []
         self._next: int | None = None
         self._held = np.empty((self._interval, 2 * self._count))
+        self._tested = [TestedUpdates() for _ in layout.axes]
         self._restart(0)
+
+    @property
+    def judged(self) -> Judged:
+        """What was judged so far at all."""
+        axes = self.layout.axes
+        contact = {axis: math.isfinite(self._contact_of[column].clearance) for column, axis in enumerate(axes)}
+        return Judged(dict(zip(axes, self._tested, strict=True)), contact, self.parameters.resonance_gain)
 
     def feed(self, block: LoopRecord) -> list[RegionState]:
         """Take in a block of telemetry; the states that it completes, oldest first.
@@ -160,8 +169,8 @@ class RegionClassifier:
         self._front_end = FrontEnd(self.sample_time, self._factor, self._samples, self._neighbours)
         self._history = InputHistory(self.sample_time, parameters.resonance_gain, self._count)
         self._axes = [
-            AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval)
-            for axis in range(self._count)
+            AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval, tested)
+            for axis, tested in enumerate(self._tested)
         ]
         # an interval without its start is left out
         self._first_whole = math.ceil(step / self._interval) * self._interval

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from amb_core.ground.errors import RegionError
-from amb_core.loop.bearing import BACKUP_BEARING_RADIUS
 from amb_core.loop.machine import Machine
 
 
@@ -125,24 +125,30 @@ def layout_of(machine: Machine) -> Layout:
     return Layout(machine.axis_names, tuple(bearings))
 
 
-def layout_without_machine(axes: tuple[str, ...]) -> Layout:
+def layout_without_machine(axes: tuple[str, ...], clearance: Mapping[str, float] | None = None) -> Layout:
     """The layout of records whose machine is not known: two axes are one bearing, x_a and y_a are bearing a.
 
-    The clearance of radial bearings is then the default radius of the backup bearing; any other axis is a bearing by
-    itself, with an unknown clearance.
+    Any other axis is a bearing by itself.
 
     Parameters
     ----------
     axes : tuple of str
         Names of the axes.
+    clearance : mapping of str to float, optional
+        By axis, where it is known: displacement at which the rotor touches its bearing (m).
 
     Returns
     -------
     Layout
         The axes, and the bearings that they are taken for.
     """
+    known = clearance or {}
+
+    def bearing(name: str, *of: str) -> MonitoredBearing:
+        return MonitoredBearing(name, of, min(known.get(axis, math.inf) for axis in of))
+
     if len(axes) == 2:
-        return Layout(axes, (MonitoredBearing("a", axes, BACKUP_BEARING_RADIUS),))
+        return Layout(axes, (bearing("a", *axes),))
     bearings = []
     left = list(axes)
     while left:
@@ -150,9 +156,9 @@ def layout_without_machine(axes: tuple[str, ...]) -> Layout:
         partner = "y" + axis[1:]
         if axis[:2] == "x_" and partner in left:
             left.remove(partner)
-            bearings.append(MonitoredBearing(axis[2:], (axis, partner), BACKUP_BEARING_RADIUS))
+            bearings.append(bearing(axis[2:], axis, partner))
         else:
-            bearings.append(MonitoredBearing(axis, (axis,), math.inf))
+            bearings.append(bearing(axis, axis))
     return Layout(axes, tuple(bearings))
 
 

@@ -209,6 +209,11 @@ class TrendTest:
         self._history = np.empty(2 * points << (LEVELS - 1))
         self.reset()
 
+    @property
+    def count(self) -> int:
+        """Points since the last reset, as far as they are kept."""
+        return self._count
+
     def reset(self) -> None:
         """Forget all points."""
         self._count = 0

@@ -118,7 +118,9 @@ def traced_sweep() -> tuple[Plant, list[Piece]]:
             plant.advance(current[step])
         else:
             traced[start].append(plant.trace(current[step]))
-    parts = stretches(classify(LoopRecord(0, plant.sample_time, reference, position, current)).states)
+    record = LoopRecord(0, plant.sample_time, reference, position, current)
+    clearance = dict.fromkeys(record.axes, plant.parameters.rotor.backup_bearing_radius)
+    parts = stretches(classify(record, clearance=clearance).states)
     pieces = []
     for start, traces in traced.items():
         middle = start + TRACED // 2

@@ -11,6 +11,7 @@ from typing import Any
 
 from amb_core.data.analysis.bag_table import is_ours, table_of_bag
 from amb_core.data.analysis.file_recording import NO_STEPS, FileContent
+from amb_core.data.analysis.recorded_clearance import radial_clearance
 from amb_core.data.analysis.recorded_data import recorded_data
 from amb_core.data.controller_choice import NO_CONTROLLER, named_controller, with_shown_limit
 from amb_core.data.experiments import (
@@ -68,6 +69,7 @@ def read(
     path, known = Path(path), _description(description, values)
     recording = _bag_at(path, None if first_step < 0 or not steps else (run, first_step, steps))
     if recording is not None and _as_it_is(recording, known):
+        recording.clearance = known.clearance
         recorded = recorded_data(recording, run, first_step, steps)
         return _loop(split_at_invalid(recorded) if known.repair == "split" else recorded, known, recording)
     if run is not None or first_step != -1 or steps:
@@ -102,11 +104,12 @@ def read_recording(
         As for `read`.
     """
     path, known = Path(path), _description(description, values)
-    recording = _bag_at(path)
-    if recording is not None and _as_it_is(recording, known):
-        return recording, None
-    data, described = _data(path, recording, known)
-    return Recording(FileContent(path, data)), described
+    recording, described = _bag_at(path), None
+    if recording is None or not _as_it_is(recording, known):
+        data, described = _data(path, recording, known)
+        recording = Recording(FileContent(path, data))
+    recording.clearance = known.clearance
+    return recording, described
 
 
 def _description(description: DataDescription | str | Path | None, values: dict[str, Any]) -> DataDescription:
@@ -138,10 +141,14 @@ def _data(
         if recording is None:
             content = load_content(path, known.separator, known.decimal)
             if not any(getattr(known, name) for name in _SIGNALS) and (written := written_data(content, known)):
-                return written, None
+                return _with_clearance(written, known), None
             tables = tables_of(path, content, known.variable, known.columns)
         described = describe_tables(tables, known)
-    return described.data, described
+    return _with_clearance(described.data, known), described
+
+
+def _with_clearance(data: IdentificationData, known: DataDescription) -> IdentificationData:
+    return replace(data, clearance=radial_clearance(data.output_names, known.clearance))
 
 
 def _loop(data: IdentificationData, known: DataDescription, recording: Recording | None = None) -> RecordedLoop:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.analysis.recorded_clearance import recorded_clearance
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.ground.errors import BagError
@@ -61,8 +62,10 @@ def recorded_data(
         If the requested steps are missing.
     """
     if position_topic is None and current_topic is None and recording.runs:
-        return _from_telemetry(recording, run, first_step, steps)
-    return _from_topics(recording, position_topic, current_topic, run, first_step, steps)
+        data = _from_telemetry(recording, run, first_step, steps)
+    else:
+        data = _from_topics(recording, position_topic, current_topic, run, first_step, steps)
+    return replace(data, clearance=recorded_clearance(recording, data.output_names))
 
 
 def _from_telemetry(recording: Recording, run: int | None, first_step: int, steps: int) -> IdentificationData:

@@ -10,19 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.analysis.recorded_clearance import MONITOR_NODE, recorded_clearance
 from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.checks.faults import frozen_positions
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import part_of
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
-from amb_core.recording.recording import SIMULATOR_NODE
-from amb_core.regions import Classification, Onset, Region, RegionParameters, classify
+from amb_core.regions import Classification, Judged, Onset, Region, RegionParameters, classify
 
 if TYPE_CHECKING:
     from amb_core.recording import Recording
-
-MONITOR_NODE = "region_monitor"
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ class RecordedRegions:
     delevitated : bool
         Whether the simulator ended the run because the rotor delevitated.
     parameters : RegionParameters
-        Thresholds and times: those of the recorded region monitor, otherwise defaults; with the radius of the recorded
-        bearing if they leave it to a machine that is not recorded.
+        Thresholds and times: those of the recorded region monitor, otherwise defaults; with the clearance of radial
+        bearings that a user gives for the recording.
     longer : float
         How many times as long the times are, for the sake of the sample time (-).
     """
@@ -105,12 +103,19 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     ended = recording.delevitation(run)
     records = [recording.telemetry(run, start, end) for start, end in spans]
     machine = _machine(recording, records[0].axes)
-    wanted = _parameters(recording, machine)
+    wanted = _parameters(recording)
+    clearance = recorded_clearance(recording, records[0].axes)
     usable = [part for record in records for part in _finite_parts(record)]
     try:
         parameters = wanted.for_sample_time(records[0].sample_time)
         parts = [
-            classify(part, parameters, machine=machine, delevitated=ended == part.first_step + part.steps)
+            classify(
+                part,
+                parameters,
+                machine=machine,
+                clearance=clearance,
+                delevitated=ended == part.first_step + part.steps,
+            )
             for part in usable or records
         ]
     except RegionError as problem:
@@ -149,12 +154,11 @@ def _machine(recording: Recording, axes: tuple[str, ...]) -> Machine | None:
     return machine if machine is not None and machine.axis_names == axes else None
 
 
-def _parameters(recording: Recording, machine: Machine | None) -> RegionParameters:
+def _parameters(recording: Recording) -> RegionParameters:
     parameters = part_of(RegionParameters, recording.parameters_of(MONITOR_NODE) or {})
-    radius = (recording.parameters_of(SIMULATOR_NODE) or {}).get("rotor.backup_bearing_radius")
-    if machine is not None or radius is None or parameters.backup_bearing_radius > 0.0:
+    if recording.clearance is None:
         return parameters
-    return parameters.model_copy(update={"backup_bearing_radius": radius})
+    return parameters.model_copy(update={"backup_bearing_radius": recording.clearance})
 
 
 def _joined(records: Sequence[LoopRecord]) -> LoopRecord:
@@ -186,4 +190,5 @@ def _joined_classification(
         [state for part in parts for state in part.states],
         first(part.onsets for part in parts),
         {axis: first(part.axis_onsets[axis] for part in parts) for axis in parts[0].axis_onsets},
+        Judged.joined([part.judged for part in parts]),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,6 +35,9 @@ class IdentificationData:
         Their units; empty where unknown.
     foreign : bool
         Whether they come from a file of others, so that no controller is assumed where none is named.
+    clearance : mapping of str to float
+        By output, where it is known: displacement from the centre at which the rotor touches its bearing (m). Without
+        it region D is not judged.
 
     Raises
     ------
@@ -49,6 +52,7 @@ class IdentificationData:
     input_units: tuple[str, ...] = ("A", "A")
     output_units: tuple[str, ...] = ("m", "m")
     foreign: bool = field(default=False, kw_only=True)
+    clearance: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
         for name in ("experiments", "input_names", "output_names", "input_units", "output_units"):
@@ -317,6 +321,7 @@ class IdentificationData:
             tuple(self.input_units[index] for index in ins),
             tuple(self.output_units[index] for index in outs),
             foreign=self.foreign,
+            clearance=self.clearance,
         )
 
     def record(self, index: int = 0) -> LoopRecord:

@@ -4,19 +4,28 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from amb_core.ground.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import read_text, shown
+from amb_core.ground.units import quantity_of
 
 Repair = Literal["none", "split", "resample"]
 _CONTROLLER_FILES = (".yaml", ".yml", ".json", ".npz", ".mat")
 LISTS = ("inputs", "outputs", "reference", "units", "topics")
 """Fields that are lists; as options, their items have commas between them."""
+
+
+def _metres(given: Any) -> Any:
+    """A length as a user types it, such as 250um, in m."""
+    try:
+        return quantity_of(given, "m") if isinstance(given, str) else given
+    except ParameterError as problem:
+        raise ValueError(str(problem)) from None
 
 
 class DataDescription(BaseModel):
@@ -53,6 +62,13 @@ class DataDescription(BaseModel):
         "none",
         description="What is done with missing samples and irregular times: none (refused), split (stretches between "
         "missing samples become experiments) or resample (times interpolated to one rate).",
+    )
+    clearance: Annotated[float | None, BeforeValidator(_metres)] = Field(
+        None,
+        ge=1e-6,
+        le=1e-2,
+        description="Displacement from the centre of the backup bearing at which the rotor touches it, such as 250um, "
+        "in every radial bearing; positions must count from that centre. Without it region D is not judged.",
     )
     separator: str = Field("", description="Between the columns of a text: comma, semicolon, tab, bar or space.")
     decimal: str = Field("", description="Decimal sign of a text: point or comma.")

@@ -130,12 +130,14 @@ def _excitations(recording: Recording, run: int) -> list[AppliedExcitation]:
 def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedModel | None) -> VerdictStrip:
     """The verdict on the model, its main numbers, and region and distortion of the recording."""
     onsets = regions.classification.onsets
-    worst = max(onsets, default=Region.A)
+    worst, judged = max(onsets, default=Region.A), regions.classification.judged
     classified = stretches(regions.classification.states)
     states: dict[Region, State] = {Region.A: "good", Region.B: "limited", Region.C: "limited", Region.D: "bad"}
     region = (
         Badge(region_label(worst), states[worst], REGIONS) if classified else Badge("not classified", section=REGIONS)
     )
+    if classified and not onsets and not judged.complete():
+        region = Badge(f"{judged.absent()} found", section=REGIONS)
     if regions.frozen:
         region = Badge("sensor dead or stuck", "bad", REGIONS)
     seen = [
@@ -155,13 +157,16 @@ def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     )
     if regions.frozen:
         text += f"{sentence(regions.frozen_problem)}. "
+    judged = classification.judged
+    reservations = "".join(f" {sentence(what)}." for what in judged.reservations)
     if not classification.onsets and not regions.frozen:
-        judged = "Region A all the time" if stretches(classification.states) else "Too short for regions B and C"
-        return text + f"{judged}; {evidence.brief}."
+        found = "Region A all the time" if judged.complete() else f"{sentence(judged.absent())} found"
+        found = found if stretches(classification.states) else "Too short for regions B and C"
+        return text + f"{found}; {evidence.brief}.{reservations}"
     if not classification.onsets:
-        return text + f"{sentence(evidence.brief)}."
+        return text + f"{sentence(evidence.brief)}.{reservations}"
     begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in classification.onsets.items()]
-    return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}."
+    return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}.{reservations}"
 
 
 def _sweep(regions: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
@@ -203,10 +208,15 @@ def _regions(regions: RecordedRegions) -> Section:
         for part, onsets in (("rotor", classification.onsets), *classification.axis_onsets.items())
         for region, onset in onsets.items()
     ]
-    time = ", ".join(f"{region_label(region)}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
+    judged = classification.judged
+    labels = {region: region_label(region) for region in Region}
+    if not judged.complete():
+        labels[Region.A] = judged.absent()
+    time = ", ".join(f"{labels[region]}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
     blocks: list[Block] = [
         Prose(f"Share of the time in each region: {time}." if time else "Too short for regions B and C.")
     ]
+    blocks += [Prose(f"{sentence(what)}.") for what in judged.reservations]
     if regions.frozen:
         blocks.insert(0, Prose(f"{sentence(regions.frozen_problem)}."))
     if rows:

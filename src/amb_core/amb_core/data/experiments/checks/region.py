@@ -20,7 +20,8 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     """Regions that the classifier finds in the records of the loop; see `amb_core.regions`.
 
     The check needs positions in m, as many currents in A and the reference, at a rate that the classifier supports.
-    Removed trends are added again, because the position is compared with the backup bearing.
+    Removed trends are added again, because the position is compared with the backup bearing. D is judged where the
+    clearance of the data is known, or `backup_bearing_radius` of the parameters.
 
     Parameters
     ----------
@@ -34,18 +35,22 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     Finding
         The regions found, or why they were not looked for.
     """
-    from amb_core.regions import classify  # this loads filters; programs that only estimate should not wait for it
+    # this loads filters; programs that only estimate should not wait for it
+    from amb_core.regions import Judged, classify
 
     onsets: list[tuple[Region, int, Onset]] = []
     early: list[int] = []  # experiments that end before B and C can be found
+    parts: list[Judged] = []
     for index in range(len(data.experiments)):
         try:
-            classification = classify(data.record(index), parameters)
+            classification = classify(data.record(index), parameters, clearance=data.clearance)
         except AmbError as reason:
             return Finding("region", Severity.INFO, f"not checked: {reason}")
         if not any(state.settled for state in classification.states):
             early.append(index)
+        parts.append(classification.judged)
         onsets += [(region, index, onset) for region, onset in classification.onsets.items()]
+    judged = Judged.joined(parts)
     if onsets:
         region, index, onset = max(onsets, key=lambda item: item[0])
         frequency = "" if math.isnan(onset.input_frequency) else f" at {onset.input_frequency:.0f} Hz"
@@ -55,12 +60,13 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
         keep = (
             f": keep the steps before {first.step} (window)"
             if some_before
-            else ", but no step is in it: check the units"
+            else ", but no step is in it: check the units, and that positions count from the centre of the bearing"
         )
         return Finding(
             "region",
             Severity.WARNING,
-            f"region {region.name} ({_MEANING[region.name]}) from step {onset.step} ({onset.time:.3f} s){frequency}",
+            f"region {region.name} ({_MEANING[region.name]}) from step {onset.step} ({onset.time:.3f} s){frequency}"
+            + "".join(f"; {what}" for what in judged.reservations),
             f"experiment {index}",
             f"no linear model holds outside region A{keep}"
             + (", or excite the resonance less" if resonance else ", or excite less"),
@@ -70,4 +76,7 @@ def check_region(data: IdentificationData, parameters: RegionParameters | None =
     if len(early) == len(data.experiments):
         return Finding("region", Severity.INFO, "not checked: the record is too short for B and C")
     others = f", but too short for B and C: experiments {', '.join(map(str, early))}" if early else ""
-    return Finding("region", Severity.INFO, f"region A throughout{others}")
+    if judged.complete():
+        return Finding("region", Severity.INFO, f"region A throughout{others}")
+    finding = "; ".join((f"{judged.absent()} found{others}", *judged.reservations))
+    return Finding("region", Severity.INFO, finding)
