@@ -301,6 +301,18 @@ def test_a_table_without_a_clearance_is_not_said_to_be_free_of_delevitation(tmp_
     assert check_region(data).what.startswith("region D (delevitated) from step 10000")
 
 
+def test_positions_that_do_not_count_from_the_centre_are_doubted(tmp_path: Path) -> None:
+    steps = np.arange(10_000)
+    reference = 300.0 + 5.0 * np.sin(2.0 * np.pi * 300.0 * steps / RATE)
+    position = 300.0 + 0.3 * (reference - 300.0) + 0.05 * np.random.default_rng(0).standard_normal(len(steps))
+    table = np.column_stack([steps / RATE, 0.008 * (reference - position), position, reference])
+    heading = "time [s],i_x [A],x [um],r_x [um]"
+    np.savetxt(tmp_path / "off.csv", table, delimiter=",", header=heading, comments="", fmt="%.9g")
+    recording, _ = read_recording(tmp_path / "off.csv", clearance="250um")
+    assert "does it count from the centre of the bearing?" in classify_run(recording).centre_problem
+    assert "does it count from the centre of the bearing?" in recording_report(recording, order=2).lead
+
+
 def test_the_command_refuses_a_bag_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="nowhere"):
         CliRunner().invoke(app, ["regions", str(tmp_path / "nowhere")], catch_exceptions=False)

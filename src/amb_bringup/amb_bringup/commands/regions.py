@@ -84,10 +84,10 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
 
 
 def _judged_shares(classified: RecordedRegions, share: dict[Region, float]) -> dict[Region, float | None]:
-    """The shares, with None for D where it was not judged and not reported either."""
+    """The shares, with None for a region that was not judged and not found either."""
     found = classified.classification
-    judged = Region.D in found.judged.looked_for() or Region.D in found.onsets
-    return {region: part if region is not Region.D or judged else None for region, part in share.items()}
+    known = {Region.A, *found.judged.looked_for(), *found.onsets}
+    return {region: part if region in known else None for region, part in share.items()}
 
 
 def _onset(region: Region, onset: Onset) -> dict[str, Any]:
@@ -127,8 +127,8 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         what = "missing" if classified.gaps == classified.missing else "missing or not finite"
         console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(classified, summary))
-    if classified.frozen:
-        console.print(classified.frozen_problem, style="yellow", highlight=False)
+    for problem in filter(None, (classified.frozen_problem, classified.centre_problem)):
+        console.print(problem, style="yellow", highlight=False)
     if classified.longer > 1.0:
         used, rate = classified.parameters, 1.0 / classified.record.sample_time
         console.print(
@@ -142,12 +142,12 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         console.print("too short for B and C: they were not evaluated", style="yellow")
         return
     judged = classified.classification.judged
-    linear = "A" if judged.complete() else judged.absent()
+    linear = "A" if judged.complete() else "none found"
     named = {name: linear if name == "A" else name for name in summary["shares"]}
     known = {name: share for name, share in summary["shares"].items() if share is not None}
     shares = ", ".join(f"{named[name]} {100 * share:.1f} %" for name, share in known.items())
     at_end = summary["region_at_end"]
-    last = linear if at_end == "A" and linear != "A" else f"in region {at_end}"
+    last = "none found" if at_end == "A" and linear != "A" else f"in region {at_end}"
     console.print(f"at the end {last}; share of the time: {shares}")
     for what in judged.reservations:
         console.print(what, style="yellow", highlight=False)

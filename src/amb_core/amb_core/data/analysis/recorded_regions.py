@@ -18,6 +18,7 @@ from amb_core.ground.parameters import part_of
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Judged, Onset, Region, RegionParameters, classify
+from amb_core.regions.stretches import stretches
 
 if TYPE_CHECKING:
     from amb_core.recording import Recording
@@ -70,6 +71,14 @@ class RecordedRegions:
             return ""
         places = ", ".join(self.frozen)
         return f"position {places}: unchanged while its axis moves; a dead or stuck sensor shows no region"
+
+    @property
+    def centre_problem(self) -> str:
+        """What region D throughout may mean, in words; empty otherwise."""
+        parts = stretches(self.classification.states)
+        if not parts or any(part.region is not Region.D for part in parts):
+            return ""
+        return "the position is at or beyond the clearance throughout; does it count from the centre of the bearing?"
 
 
 def classify_run(recording: Recording, run: int | None = None) -> RecordedRegions:

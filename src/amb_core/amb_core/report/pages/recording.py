@@ -158,7 +158,8 @@ def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     if regions.frozen:
         text += f"{sentence(regions.frozen_problem)}. "
     judged = classification.judged
-    reservations = "".join(f" {sentence(what)}." for what in judged.reservations)
+    said = (*judged.reservations, *filter(None, [regions.centre_problem]))
+    reservations = "".join(f" {sentence(what)}{'' if what.endswith('?') else '.'}" for what in said)
     if not classification.onsets and not regions.frozen:
         found = "Region A all the time" if judged.complete() else f"{sentence(judged.absent())} found"
         found = found if stretches(classification.states) else "Too short for regions B and C"
@@ -211,7 +212,7 @@ def _regions(regions: RecordedRegions) -> Section:
     judged = classification.judged
     labels = {region: region_label(region) for region in Region}
     if not judged.complete():
-        labels[Region.A] = judged.absent()
+        labels[Region.A] = "none found"
     time = ", ".join(f"{labels[region]}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
     blocks: list[Block] = [
         Prose(f"Share of the time in each region: {time}." if time else "Too short for regions B and C.")
