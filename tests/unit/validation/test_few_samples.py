@@ -7,11 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
+from scipy.signal import lfilter, ss2tf
 
 from amb_core.identification import IdentificationData, StateSpaceModel, Validation, compare, identify, validate
 from amb_core.identification.validation import Condition, Verdict
 from amb_core.identification.validation.deviations import Deviation
 from amb_core.identification.validation.model_error import BandError
+from amb_core.identification.validation.possible import possible_fit
+from amb_core.linear import LinearSystem
+from amb_core.linear.sampling import discretised
+from amb_core.loop.records import LoopRecord
 from tests.benchmarks.verdicts.bearings import Bearing, draw_bearing, draw_data, model_in_innovations_form, named
 
 FEW = 300
@@ -87,6 +92,29 @@ def test_the_fit_that_the_data_allow_is_that_of_the_true_model_and_the_same_for_
     for wrong in WRONG.values():
         of_wrong = validate(of_few_samples(wrong(bearing)), data, bearing.controller).possible_fit
         assert of_wrong is not None and np.array_equal(of_wrong.fit, true.possible_fit.fit)
+
+
+@pytest.mark.parametrize("rate", [10_000.0, 100_000.0])
+def test_the_fit_that_the_data_allow_does_not_depend_on_the_sample_rate(rate: float) -> None:
+    """A loop of 90 Hz with noise on its sensor: a true model leaves the noise alone."""
+    random, steps = np.random.default_rng(2), round(2.0 * rate)
+    a, b = np.array([[0.0, 1.0], [-3e5, -400.0]]), np.array([[0.0], [3e5]])
+    sampled = discretised(LinearSystem(a, b, np.eye(1, 2), np.zeros((1, 1)), 0.0), 1.0 / rate)
+    tones = np.arange(1.0, 300.0, 0.5)
+    time = np.arange(steps)[:, np.newaxis] / rate
+    reference = np.cos(2.0 * np.pi * tones * time + random.uniform(0.0, 2.0 * np.pi, len(tones))).sum(axis=1)
+    moved = lfilter(*tf_of(sampled), reference)
+    noise = 0.3 * moved.std() * random.standard_normal(steps)
+    position = (moved + noise)[:, np.newaxis]
+    record = LoopRecord(0, 1.0 / rate, reference[:, np.newaxis], position, np.zeros_like(position), ("x",))
+    possible = possible_fit([record])
+    assert possible is not None
+    assert possible.fit[0] == pytest.approx(100.0 * (1.0 - noise.std() / position.std()), abs=1.0)
+
+
+def tf_of(system: LinearSystem) -> tuple[np.ndarray, np.ndarray]:
+    numerator, denominator = ss2tf(system.a, system.b, system.c, system.d)
+    return numerator[0], denominator
 
 
 def test_a_true_model_stays_validated_whatever_number_of_samples_it_names(

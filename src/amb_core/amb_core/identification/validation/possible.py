@@ -7,12 +7,16 @@ alone it leaves what noise, disturbances and distortion move, as the simulation 
 noise biases it, so that it leaves more; of several numbers of lags the one counts that leaves least. A judged model
 that is poor, or comes from few samples, cannot lower this fit.
 
+At high sample rates as many lags are a shorter time, and the noise biases them more. Above 10 kHz the lags are also taken
+2, 4, 8 ... samples apart, as long as they are not further apart than samples of 10 kHz, with the references averaged over as
+many samples.
+
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.2 and 13.5 (indirect identification).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -20,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from amb_core.ground.sample_times import SAME
 from amb_core.linear.numerics import with_rows
 from amb_core.loop.records import LoopRecord
 
@@ -27,6 +32,8 @@ Arrays = NDArray[np.float64]
 
 LAGS = (6, 12, 25, 50)
 """Numbers of lags that are tried."""
+SLOWEST = 10_000.0
+"""Rate (Hz) down to which lags are taken several samples apart."""
 _ROWS_PER_COLUMN = 3
 _MOST_ROWS = 20_000  # those of longer data are thinned out
 _BLOCK = 2_000  # rows of the regression held at once
@@ -73,22 +80,24 @@ def possible_fit(measured: Sequence[LoopRecord]) -> PossibleFit | None:
     references = _scaled([record.reference for record in measured])
     best: tuple[Arrays, Arrays] | None = None
     axes, columns = len(motion), len(motion) + references[0].shape[1]
-    allowed = [lags for lags in LAGS if _rows(outputs, lags) >= _ROWS_PER_COLUMN * columns * (lags + 1)]
-    if not allowed:
-        return None
-    triangle = _triangle(outputs, references, allowed[-1])
-    for lags in allowed:
-        used = 1 + references[0].shape[1] + columns * lags
-        values = np.asarray(np.linalg.lstsq(triangle[:used, :used], triangle[:used, -axes:], rcond=_RANK)[0])
-        rest = _rest(values, outputs, references, lags)
-        if rest is None:
-            continue
-        mean_square, deviation = _size(rest, references[0].shape[1] * (lags + 1))
-        if best is None:
-            best = mean_square, deviation
-        else:
-            less = mean_square < best[0]
-            best = np.where(less, mean_square, best[0]), np.where(less, deviation, best[1])
+    for apart in _distances(measured[0].sample_time):
+        allowed = [lags for lags in LAGS if _rows(outputs, lags * apart) >= _ROWS_PER_COLUMN * columns * (lags + 1)]
+        if not allowed:
+            break
+        driving = [_averaged(reference, apart) for reference in references]
+        triangle = _triangle(outputs, driving, allowed[-1], apart)
+        for lags in allowed:
+            used = 1 + references[0].shape[1] + columns * lags
+            values = np.asarray(np.linalg.lstsq(triangle[:used, :used], triangle[:used, -axes:], rcond=_RANK)[0])
+            rest = _rest(values, outputs, driving, lags, apart)
+            if rest is None:
+                continue
+            mean_square, deviation = _size(rest, references[0].shape[1] * (lags + 1))
+            if best is None:
+                best = mean_square, deviation
+            else:
+                less = mean_square < best[0]
+                best = np.where(less, mean_square, best[0]), np.where(less, deviation, best[1])
     if best is None:
         return None
     rms = np.sqrt(best[0])
@@ -101,42 +110,61 @@ def _scaled(references: list[Arrays]) -> list[Arrays]:
     return [reference / np.where(size > 0.0, size, 1.0) for reference in references]
 
 
-def _rows(outputs: Sequence[Arrays], lags: int) -> int:
-    return sum(max(len(part) - lags, 0) for part in outputs)
+def _distances(sample_time: float) -> Iterator[int]:
+    """Samples from one lag to the next: 1, and doubled as long as lags are no further apart than those of 10 kHz."""
+    apart = 1
+    while apart == 1 or SLOWEST * apart * sample_time <= 1.0 + SAME:
+        yield apart
+        apart *= 2
 
 
-def _triangle(outputs: Sequence[Arrays], references: Sequence[Arrays], lags: int) -> Arrays:
+def _averaged(reference: Arrays, samples: int) -> Arrays:
+    """The mean of each sample and those before it, so many in all."""
+    if samples == 1:
+        return reference
+    total = np.cumsum(np.vstack([np.repeat(reference[:1], samples, axis=0), reference]), axis=0)
+    return np.asarray((total[samples:] - total[:-samples]) / samples)
+
+
+def _rows(outputs: Sequence[Arrays], first: int) -> int:
+    return sum(max(len(part) - first, 0) for part in outputs)
+
+
+def _triangle(outputs: Sequence[Arrays], references: Sequence[Arrays], lags: int, apart: int) -> Arrays:
     """Triangular factor of the rows (1, r[k], y[k-1], r[k-1], y[k-2], ..., y[k]): fewer lags are its first columns."""
     columns = 1 + references[0].shape[1] + (references[0].shape[1] + outputs[0].shape[1]) * lags + outputs[0].shape[1]
     triangle = np.zeros((columns, columns))
-    every = -(-_rows(outputs, lags) // _MOST_ROWS)
+    every = -(-_rows(outputs, lags * apart) // _MOST_ROWS)
     for y, r in zip(outputs, references, strict=True):
-        present = np.arange(lags, len(y), every)
+        present = np.arange(lags * apart, len(y), every)
         for first in range(0, len(present), _BLOCK):
             at = present[first : first + _BLOCK]
-            past = [np.hstack([y[at - lag], r[at - lag]]) for lag in range(1, lags + 1)]
+            past = [np.hstack([y[at - lag * apart], r[at - lag * apart]]) for lag in range(1, lags + 1)]
             triangle = with_rows(triangle, np.hstack([np.ones((len(at), 1)), r[at], *past, y[at]]))
     return triangle
 
 
-def _rest(values: Arrays, outputs: Sequence[Arrays], references: Sequence[Arrays], lags: int) -> list[Arrays] | None:
+def _rest(
+    values: Arrays, outputs: Sequence[Arrays], references: Sequence[Arrays], lags: int, apart: int
+) -> list[Arrays] | None:
     """What the regression, simulated from the references, leaves of the outputs; None where it diverges."""
     p, m = outputs[0].shape[1], references[0].shape[1]
     of_lags = values[1 + m :].reshape(lags, p + m, p)
     by_outputs = np.ascontiguousarray(of_lags[:, :p])
     rest = []
     for y, r in zip(outputs, references, strict=True):
-        if len(y) <= lags:
+        first = lags * apart
+        if len(y) <= first:
             continue
-        drive = values[0] + r[lags:] @ values[1 : 1 + m]
+        drive = values[0] + r[first:] @ values[1 : 1 + m]
         for lag in range(1, lags + 1):
-            drive += r[lags - lag : len(r) - lag] @ of_lags[lag - 1, p:]
+            drive += r[first - lag * apart : len(r) - lag * apart] @ of_lags[lag - 1, p:]
         simulated = np.empty_like(y)
-        simulated[:lags] = y[:lags]
-        _simulate(by_outputs, drive, simulated)
+        simulated[:first] = y[:first]
+        _simulate(by_outputs, drive, simulated, apart)
         if not np.abs(simulated).max() < _FARTHEST:  # not a number is none either
             return None
-        rest.append((y - simulated)[lags:])
+        rest.append((y - simulated)[first:])
     return rest
 
 
@@ -152,13 +180,14 @@ def _size(rest: Sequence[Arrays], parameters: int) -> tuple[Arrays, Arrays]:
 
 
 @numba.njit(cache=True)
-def _simulate(by_outputs: NDArray[np.float64], drive: Arrays, outputs: Arrays) -> None:
+def _simulate(by_outputs: NDArray[np.float64], drive: Arrays, outputs: Arrays, apart: int) -> None:
     """Fill in the outputs from the first samples onwards, which they hold."""
     lags, p = by_outputs.shape[0], by_outputs.shape[1]
-    for step in range(lags, len(outputs)):
+    first = lags * apart
+    for step in range(first, len(outputs)):
         for to in range(p):
-            value = drive[step - lags, to]
+            value = drive[step - first, to]
             for lag in range(lags):
                 for source in range(p):
-                    value += by_outputs[lag, source, to] * outputs[step - 1 - lag, source]
+                    value += by_outputs[lag, source, to] * outputs[step - (1 + lag) * apart, source]
             outputs[step, to] = value
