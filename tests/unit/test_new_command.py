@@ -59,6 +59,12 @@ def test_a_file_is_written_that_all_nodes_take(tmp_path: Path) -> None:
     assert "plotly" in (tmp_path / "tune" / "stability.html").read_text()
 
 
+@pytest.mark.parametrize(("rate", "highest"), [("1kHz", "0.4kHz"), ("10kHz", "1.5kHz")])
+def test_the_first_experiment_stays_below_half_the_sample_rate(tmp_path: Path, rate: str, highest: str) -> None:
+    light = options(gap="0.8mm", turns="100", mass="1kg", **{"bias-current": "1.2", "sample-rate": rate})
+    assert f"--frequency-end {highest} --params" in amb("new", tmp_path / "light.yaml", *light)
+
+
 def test_questions_are_asked_on_a_terminal_until_the_answer_is_a_quantity(tmp_path: Path) -> None:
     file = tmp_path / "asked.yaml"
     ours, theirs = pty.openpty()

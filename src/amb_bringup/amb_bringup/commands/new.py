@@ -25,6 +25,8 @@ REQUIRED = tuple(name for name, field in Bearing.model_fields.items() if field.i
 ASKED = (*REQUIRED, "sample_rate", "journal_diameter", "length")
 """What is asked for on a terminal; everything else has its default unless it is given."""
 EXAMPLES = {"m": "0.4mm", "kg": "3.5kg", "A": "2.5A", "V": "100V", "Hz": "10kHz", PURE: "60"}
+HIGHEST_FREQUENCY, BELOW_NYQUIST = 1_500.0, 0.4
+"""Highest frequency of the first experiment (Hz), and the largest part of the sample rate that it may be."""
 
 
 @declared_options({"Bearing": [Bearing]})
@@ -108,11 +110,12 @@ def _show(console: Console, design: BearingDesign, out: Path) -> None:
     for remark in sizing.remarks:
         console.print(f"note: {remark}", highlight=False)
     console.print(f"written to {out}; next:", highlight=False)
+    highest = min(HIGHEST_FREQUENCY, BELOW_NYQUIST * design.tuned.controller.sample_rate)
     for command, does in (
         (f"amb plant describe --params {out}", "its constants"),
         (f"amb tune chart {out}", "which gains are stable"),
         (
-            f"amb experiment multisine --amplitude 2um --frequency-end 1.5kHz --params {out}",
+            f"amb experiment multisine --amplitude 2um --frequency-end {1e-3 * highest:.4g}kHz --params {out}",
             "levitate, excite, record, report",
         ),
         (f"amb map --params {out}", "where it stays in region A"),
