@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.control_law import Law, Start, advance_law, law_of, recall, state_of
 from amb_core.linear import LinearSystem
 from amb_core.linear.connections import feedback
@@ -141,10 +142,10 @@ def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:
         )
     if np.any(model.d):
         raise IdentificationError("the model must have no direct feedthrough (D = 0) to be put in closed loop")
-    if abs(model.sample_time * controller.sample_rate - 1.0) > 1e-9:
+    if not same_sample_time(1.0 / controller.sample_rate, model.sample_time):
         raise IdentificationError(
             f"model and controller must have one sample time: {model.sample_time:g} s "
-            f"and {1.0 / controller.sample_rate:g} s"
+            f"and {1.0 / controller.sample_rate:g} s; {difference(1.0 / controller.sample_rate, model.sample_time)}"
         )
     if isinstance(controller, LinearControl):
         require_order(controller.model, model.output_names)

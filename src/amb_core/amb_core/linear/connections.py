@@ -7,9 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
+from amb_core.ground.sample_times import same_sample_time
 from amb_core.linear.system import LinearSystem
-
-_SAME_STEP = 1e-6  # relative difference of sample times that is rounding
 
 
 def series(first: LinearSystem, second: LinearSystem) -> LinearSystem:
@@ -89,7 +88,7 @@ def feedback(plant: LinearSystem, law: LinearSystem, references: int = 0) -> Lin
 
 
 def _require_alike(first: LinearSystem, second: LinearSystem, fitting: bool) -> None:
-    if not fitting or abs(first.sample_time - second.sample_time) > _SAME_STEP * first.sample_time:
+    if not fitting or not same_sample_time(second.sample_time, first.sample_time):
         raise ValueError(
             f"systems of {first.inputs} inputs, {first.outputs} outputs, {first.sample_time:g} s, and of "
             f"{second.inputs} inputs, {second.outputs} outputs, {second.sample_time:g} s do not fit together, or the "

@@ -11,6 +11,7 @@ import numpy as np
 
 from amb_core.ground.errors import AmbError, ParameterError
 from amb_core.ground.parameters import choice
+from amb_core.ground.sample_times import same_sample_time
 from amb_core.linear import LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.controller_files import controller_from, load_controller
@@ -103,7 +104,7 @@ class LinearControl:
         ParameterError
             If it is made for another.
         """
-        if abs(self.model.sample_time * sample_rate - 1.0) > 1e-6:
+        if not same_sample_time(self.model.sample_time, 1.0 / sample_rate):
             raise ParameterError(
                 f"the controller is made for {self.sample_rate:g} Hz, the data are sampled at {sample_rate:g} Hz; give "
                 "the controller with which they were taken"

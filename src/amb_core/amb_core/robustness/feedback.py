@@ -19,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from amb_core.ground.errors import RobustnessError
+from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.closed_loop import loop_axes
 from amb_core.linear import Arrays, Complexes, LinearSystem, connections
 from amb_core.linear.model import StateSpaceModel
@@ -61,10 +62,10 @@ class Feedback:
                 f"outputs; this one has {law[1]} and {law[0]}, and the plant's largest feedthrough is "
                 f"{np.abs(self.plant.d).max(initial=0.0):g}"
             )
-        if abs(self.plant.sample_time - self.controller.sample_time) > 1e-9 * self.plant.sample_time:
+        if not same_sample_time(self.controller.sample_time, self.plant.sample_time):
             raise RobustnessError(
                 f"plant and controller must have one sample time: {self.plant.sample_time:g} s and "
-                f"{self.controller.sample_time:g} s"
+                f"{self.controller.sample_time:g} s; {difference(self.controller.sample_time, self.plant.sample_time)}"
             )
         if not self.axes:
             object.__setattr__(self, "axes", tuple(f"y_{number + 1}" for number in range(p)))
@@ -242,6 +243,6 @@ def law_from_positions(controller: KnownController, axes: int, extra_delay: int 
 def is_same_law(first: KnownController, second: KnownController, axes: int) -> bool:
     """Whether two controllers answer positions alike, whatever their limits."""
     laws = [law_from_positions(one, axes) for one in (first, second)]
-    return laws[0].sample_time == laws[1].sample_time and all(
+    return same_sample_time(laws[0].sample_time, laws[1].sample_time) and all(
         np.array_equal(getattr(laws[0], name), getattr(laws[1], name)) for name in "abcd"
     )

@@ -16,6 +16,7 @@ from amb_core.data.experiments.checks import Severity
 from amb_core.data.experiments.drift import cure_drift
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import AmbError, RobustnessError
+from amb_core.ground.sample_times import same_sample_time
 from amb_core.identification.controller_check import check_controller
 from amb_core.identification.given import (
     Controller,
@@ -171,7 +172,13 @@ def require_fitting(model: StateSpaceModel, law: KnownController, settings: Robu
         If model and controller do not fit together: axes, their order, sample rate, units.
     """
     for what, units, wanted in (("inputs", model.input_units, "A"), ("outputs", model.output_units, "m")):
-        if set(units) - {wanted, ""}:
+        if "" in units:
+            raise RobustnessError(
+                f"the units of the model's {what} are not known; the currents of a bearing are in A and its positions "
+                "in m: identify it from data with units, which --units A,um gives, for example, or a heading such as "
+                "x [um]"
+            )
+        if set(units) - {wanted}:
             raise RobustnessError(
                 f"the model has {what} in {', '.join(units)}; the currents of a bearing are in A and its positions in "
                 "m: identify it from data with these units"
@@ -211,9 +218,9 @@ def _not_run_by(loop: Recorded, law: KnownController) -> str:
 
     What is said of the data must fit, and what they show: the controller computes their currents.
     """
-    if loop.controller is None or not is_same_law(
-        loop.controller.at_rate(loop.data.sample_rate), law, len(loop.data.output_names)
-    ):
+    rate = loop.data.sample_rate
+    rate = law.sample_rate if same_sample_time(rate, law.sample_rate) else rate
+    if loop.controller is None or not is_same_law(loop.controller.at_rate(rate), law, len(loop.data.output_names)):
         return NOT_RUN
     finding = check_controller(loop.data, law)
     return finding.text if finding.severity is Severity.WARNING else ""

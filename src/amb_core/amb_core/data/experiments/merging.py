@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.sample_times import difference, same_sample_time
 
 
 def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
@@ -32,10 +33,11 @@ def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
         raise IdentificationError("there are no data to merge")
     first = merged[0]
     for number, other in enumerate(merged[1:], start=2):
-        if abs(other.sample_time - first.sample_time) > 1e-9 * first.sample_time:
+        if not same_sample_time(other.sample_time, first.sample_time):
             raise IdentificationError(
                 f"data set {number} has the sample time {other.sample_time:g} s, the first {first.sample_time:g} s; "
-                "only data of one sample time can be merged: decimate the faster one"
+                "only data of one sample time can be merged: decimate the faster one; "
+                + difference(other.sample_time, first.sample_time)
             )
         for what in ("input_names", "output_names", "input_units", "output_units"):
             mine, theirs = getattr(first, what), getattr(other, what)

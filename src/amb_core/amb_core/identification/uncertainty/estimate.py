@@ -24,6 +24,7 @@ from scipy import linalg
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
 from amb_core.identification.estimate.scaled_data import ScaledData
@@ -150,9 +151,10 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
             f"the model has {len(model.input_names)} inputs and {len(model.output_names)} outputs, "
             f"the data {len(data.input_names)} and {len(data.output_names)}"
         )
-    if abs(model.sample_time - data.sample_time) > 1e-9 * data.sample_time:
+    if not same_sample_time(model.sample_time, data.sample_time):
         raise IdentificationError(
-            f"the model has the sample time {model.sample_time:g} s, the data {data.sample_time:g} s"
+            f"the model has the sample time {model.sample_time:g} s, the data {data.sample_time:g} s; "
+            + difference(model.sample_time, data.sample_time)
         )
     radius = float(np.max(np.abs(np.linalg.eigvals(model.a - model.k @ model.c))))
     if not radius < 1.0:

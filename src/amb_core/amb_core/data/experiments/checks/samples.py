@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from amb_core.data.experiments.checks.report import Finding, Severity
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.sample_times import same_sample_time
 
 _SHORT_GAP = 100  # steps: one block of telemetry
 _HELD_SHARE = 0.4  # of samples equal to the one before in all outputs; from this share the outputs count as held
@@ -101,7 +102,7 @@ def check_sample_time(data: IdentificationData, expected: float | None = None) -
         An error if the sample times differ, a warning if the outputs repeat.
     """
     sample_time = data.sample_time
-    if expected is not None and abs(sample_time - expected) > 1e-6 * expected:
+    if expected is not None and not same_sample_time(sample_time, expected):
         return Finding(
             "sample time",
             Severity.ERROR,
