@@ -224,6 +224,19 @@ def test_an_input_that_is_still_in_the_longest_experiment_is_no_error(model: Sta
     assert find_ringing([e * [1.0, 0.0]], [u], [e], 1e-4) is None
 
 
+def test_bands_end_where_the_excitation_does(data: IdentificationData, model: StateSpaceModel) -> None:
+    random = np.random.default_rng(1)
+    errors = 1e-8 * random.standard_normal((6_000, 2))
+    for highest in (1_000.0, 4_990.0):
+        time = np.arange(6_000)[:, np.newaxis] / 10_000.0
+        tones = np.arange(60, round(0.6 * highest)) / 0.6
+        phases = random.uniform(0.0, 2.0 * np.pi, (2, len(tones)))
+        excited = 0.1 * np.column_stack([np.cos(2.0 * np.pi * tones * time + phase).sum(axis=1) for phase in phases])
+        quiet = replace(data, experiments=(replace(data.experiments[0], inputs=excited),))
+        bands = response_errors(model, quiet, [errors], open_loop=True)
+        assert max(band.high for band in bands) == pytest.approx(tones[-1])
+
+
 def test_references_that_move_together_say_nothing(data: IdentificationData, model: StateSpaceModel) -> None:
     item = data.experiments[0]
     together = replace(item, reference=np.repeat(item.inputs[:, :1], 2, axis=1))

@@ -134,12 +134,57 @@ def test_without_controller_or_reference_the_closed_loop_is_left_out(
     data: IdentificationData, model: StateSpaceModel
 ) -> None:
     alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
-    for validation, reason in (
-        (validate(model, data), "controller is not known"),
-        (validate(model, alone, CONTROLLER), "no reference"),
+    for validation, reason, stable in (
+        (validate(model, data), "controller is not known", None),
+        (validate(model, alone, CONTROLLER), "no reference", True),
     ):
-        assert validation.closed_loop is None and validation.closed_loop_stable is None and validation.fit.size == 0
+        assert validation.closed_loop is None and validation.closed_loop_stable is stable and validation.fit.size == 0
         assert validation.verdict == "validated with reservations" and reason in " ".join(validation.report().split())
+
+
+def test_an_unstable_closed_loop_is_refused_without_a_reference_too(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
+    validation = validate(model, alone, ControllerParameters(proportional_gain=100.0))
+    assert validation.closed_loop_stable is False and not validation.validated
+    assert validation.failed[0].key == "closed_loop" and "UNSTABLE" in validation.report()
+    assert validation.summary.startswith("not validated: truth, order 6; closed loop unstable; one-step fit")
+
+
+@pytest.mark.parametrize("faster", [2e-6, -5e-5])
+def test_clocks_that_differ_by_parts_per_million_are_one(
+    data: IdentificationData, model: StateSpaceModel, validation: Validation, faster: float
+) -> None:
+    other = replace(data, sample_time=data.sample_time * (1.0 + faster))
+    again = validate(model, other, CONTROLLER.at_rate(other.sample_rate))
+    assert again.verdict == validation.verdict and again.fit == pytest.approx(validation.fit, abs=0.01)
+    merged = merge([data, other])
+    assert merged.samples == 2 * data.samples
+
+
+def test_sample_times_that_differ_are_refused_with_the_difference(
+    data: IdentificationData, model: StateSpaceModel
+) -> None:
+    other = replace(data, sample_time=data.sample_time * 1.001)
+    for refused in (lambda: validate(model, other, CONTROLLER), lambda: merge([data, other])):
+        with pytest.raises(IdentificationError, match=r"they differ by 0.1 %; if the times .* are wrong, give --rate"):
+            refused()
+
+
+def test_a_constant_in_the_recorded_currents_does_not_refuse_a_true_model(
+    bearing, model: StateSpaceModel
+) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6, amplitude=20e-6)
+    constant = np.array([1.5, -0.4])
+    data = IdentificationData.from_record(record)
+    biased = IdentificationData.from_record(replace(record, current=record.current + constant))
+    validation = validate(model, data, CONTROLLER)
+    again = validate(replace(model, input_offset=model.input_offset + constant), biased, CONTROLLER)
+    assert again.verdict == "validated with reservations" and again.fit == pytest.approx(validation.fit, abs=0.01)
+    assert "without the constant in the recorded currents, i_x 1.5 A, i_y -0.4 A" in " ".join(again.report().split())
+    twice = validate(replace(model, b=1.5 * model.b), biased, CONTROLLER)
+    assert not twice.validated, "a wrong model stays one"
 
 
 def test_experiments_without_reference_are_counted(data: IdentificationData, model: StateSpaceModel) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,16 @@ from numpy.typing import NDArray
 from amb_core.data.controller_choice import with_shown_limit
 from amb_core.data.experiments import Finding, IdentificationData, Severity
 from amb_core.ground.errors import AmbError
-from amb_core.identification.controller_trials import FOREIGN, SAME_GAIN, SAMPLES, Trial, given_shares, liveliest, named
+from amb_core.identification.controller_trials import (
+    FOREIGN,
+    SAME_GAIN,
+    SAMPLES,
+    Trial,
+    constant_left,
+    given_shares,
+    liveliest,
+    named,
+)
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.records import LoopRecord
@@ -48,29 +58,65 @@ def check_controller(data: IdentificationData, controller: KnownController | Non
     """
     if controller is None:
         return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: no controller is known")
+    controller = with_shown_limit(controller, data)
+    worst = _worst(data, controller)
+    if isinstance(worst, str):
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {worst}")
+    share, index, record, shares = worst
+    if share <= EXACT:
+        return Finding("controller", Severity.INFO, "it computes the recorded currents from the recorded positions")
+    wrong = [name for name, value in zip(data.input_names, shares, strict=True) if value > max(EXACT, 0.1 * share)]
+    span = f"steps {record.first_step} to {record.first_step + record.steps - 1} of experiment {index}"
+    return _difference(controller, record, share, f"{', '.join(wrong)}, {span}", data)
+
+
+def added_constant(data: IdentificationData, controller: KnownController) -> NDArray[np.float64] | None:
+    """The constant in the recorded currents that alone keeps them from being those of a controller.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        The data; experiments without reference are left out.
+    controller : KnownController
+        The controller that the data are said to come from.
+
+    Returns
+    -------
+    ndarray, shape (axes,), or None
+        The constant of each current (A), the same in all experiments; None where there is none, or other differences.
+    """
+    if check_controller(data, controller).severity is Severity.INFO:
+        return None
+    worst = _worst(data, with_shown_limit(controller, data))
+    if isinstance(worst, str):
+        return None
+    constant = constant_left(controller, worst[2])
+    without = tuple(replace(item, inputs=item.inputs - constant) for item in data.experiments)
+    left = check_controller(replace(data, experiments=without), controller)
+    return constant if left.severity is Severity.INFO and not left.what.startswith(NOT_CHECKED) else None
+
+
+def _worst(
+    data: IdentificationData, controller: KnownController
+) -> tuple[float, int, LoopRecord, NDArray[np.float64]] | str:
+    """Part of the currents that is unexplained where it is largest, experiment, record and parts; or why not."""
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
-        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: the data have no reference")
-    controller = with_shown_limit(controller, data)
+        return "the data have no reference"
     compared = []
     for index in known:
         try:
             record = liveliest(data.record(index), SAMPLES)
         except AmbError as problem:
-            return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {problem}")
+            return str(problem)
         if np.isfinite(record.current).all() and np.isfinite(record.position).all():
             with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverged
                 shares = given_shares(controller, record)
             if np.isfinite(shares).any():
                 compared.append((float(np.nanmax(shares)), index, record, shares))
     if not compared:
-        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: the currents do not move below their limit")
-    share, index, record, shares = max(compared, key=lambda item: item[0])
-    if share <= EXACT:
-        return Finding("controller", Severity.INFO, "it computes the recorded currents from the recorded positions")
-    wrong = [name for name, value in zip(data.input_names, shares, strict=True) if value > max(EXACT, 0.1 * share)]
-    span = f"steps {record.first_step} to {record.first_step + record.steps - 1} of experiment {index}"
-    return _difference(controller, record, share, f"{', '.join(wrong)}, {span}", data)
+        return "the currents do not move below their limit"
+    return max(compared, key=lambda item: item[0])
 
 
 def _difference(

@@ -79,10 +79,24 @@ def given_shares(controller: KnownController, record: LoopRecord) -> Arrays:
             unlimited = controller.parameters.model_copy(update={"current_limit": math.inf})
             controller = replace(controller, parameters=unlimited)
         return unexplained(controller, part)
+    left = _left_by_gains(controller, record)
+    first = record.steps - len(left)
+    return _share(left, record.current[first:], _free(record, controller.current_limit)[first:])
+
+
+def constant_left(controller: KnownController, record: LoopRecord) -> Arrays:
+    """The constant that a controller as it is leaves of the current of each axis (A), at its limit or not."""
+    if isinstance(controller, LinearControl):
+        trial = named(controller, record, float(np.nanmax(given_shares(controller, record))))
+        return np.zeros(len(record.axes)) if trial is None else trial.offset
+    return np.asarray(np.median(_left_by_gains(controller, record), axis=0))
+
+
+def _left_by_gains(controller: ControllerParameters, record: LoopRecord) -> Arrays:
+    """What the PD law leaves of the currents (A), from the first sample for which the past does not matter."""
     gains = pack_gains(controller, record.position.shape[1])
     error, derived, first = _pd_columns(record, gains[0, 2], gains[0, 3], controller.derivative_on == "error")
-    left = record.current[first:] - gains[:, 0] * error[first:] - gains[:, 1] * derived[first:]
-    return _share(left, record.current[first:], _free(record, controller.current_limit)[first:])
+    return np.asarray(record.current[first:] - gains[:, 0] * error[first:] - gains[:, 1] * derived[first:])
 
 
 def _share(left: Arrays, current: Arrays, free: NDArray[np.bool_]) -> Arrays:

@@ -53,14 +53,14 @@ def judge(measures: Measures) -> tuple[Condition, ...]:
 
 def _stable(measures: Measures) -> Condition:
     key, name, limit = "closed_loop", "the closed loop is stable", "all poles inside the unit circle"
-    loop = measures.closed_loop
-    if loop is None:
+    poles = measures.loop_poles
+    if poles is None:
         return _not_checked(
             key, name, measures.without_loop, limit,
-            "give the controller of the experiment (--controller), the units of the signals and the reference",
+            "give the controller of the experiment (--controller) and the units of the signals",
         )  # fmt: skip
-    finding = f"largest pole {np.abs(loop.poles[0]):.5f}"
-    if loop.stable:
+    finding = f"largest pole {np.abs(poles[0]):.5f}"
+    if measures.closed_loop_stable:
         return Condition(key, name, finding, limit)
     return Condition(
         key, name, finding, limit, _REFUSED,
@@ -95,6 +95,8 @@ def _followed(measures: Measures) -> Condition:
     key, name = "closed_loop_fit", "the closed loop follows as well as the data allow"
     limit = f"{SHORT_OF_POSSIBLE:g} points below what a true model reaches, beside chance"
     loop, possible = measures.closed_loop, measures.possible_fit
+    if loop is None and measures.closed_loop_stable:
+        return _not_checked(key, name, measures.without_loop, limit, "give the reference (--reference)")
     if loop is None or not loop.stable:
         why = "there is no stable closed loop to simulate"
         return _not_checked(key, name, why, limit, "see the condition of a stable closed loop")

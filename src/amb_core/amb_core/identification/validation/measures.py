@@ -62,7 +62,10 @@ class Measures(Result):
     possible_fit : PossibleFit or None
         Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
-        Why there is no closed loop; empty if there is one.
+        Why there is no simulated closed loop; empty if there is one.
+    loop_poles : ndarray of complex or None
+        Poles in the z plane (-) of model and controller, largest magnitude first; None if the controller or the units
+        are not known. They need no reference.
     overlap : float
         Share of the samples of the identification that these data hold again, about (-); NaN where not known.
     search : SearchEnd or None
@@ -93,6 +96,7 @@ class Measures(Result):
     ringing: Ringing | None = None
     possible_fit: PossibleFit | None = None
     without_loop: str = ""
+    loop_poles: NDArray[np.complex128] | None = None
     overlap: float = math.nan
     search: SearchEnd | None = None
     undecided: str | None = None
@@ -122,8 +126,8 @@ class Measures(Result):
 
     @property
     def closed_loop_stable(self) -> bool | None:
-        """Whether model and controller make a stable loop; None if the closed loop was left out."""
-        return None if self.closed_loop is None else self.closed_loop.stable
+        """Whether model and controller make a stable loop; None if the controller or the units are not known."""
+        return None if self.loop_poles is None else bool(np.all(np.abs(self.loop_poles) < 1.0))
 
     @cached_property
     def possible_one_step_fit(self) -> NDArray[np.float64]:

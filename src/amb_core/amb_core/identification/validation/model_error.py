@@ -53,7 +53,7 @@ class BandError:
     Attributes
     ----------
     low, high : float
-        The band (Hz).
+        The band (Hz); it ends where the excitation does.
     input_name : str
         The input whose response it is, to all outputs.
     error, deviation : float
@@ -99,6 +99,7 @@ def response_errors(
     frequency = np.concatenate([np.fft.rfftfreq(len(item[0]), data.sample_time)[1:] for item in parts])
     r, u, e = (np.vstack([item[place] for item in spectra]) for place in range(3))
     power = np.sum(np.abs(r) ** 2)
+    last = _last_excited(frequency, r)
     noise_filter = LinearSystem(model.a, model.k, model.c, np.eye(model.outputs), model.sample_time)
     errors_of_bands = []
     for low, high in _bands(frequency, 4 * (r.shape[1] + 1)):
@@ -112,6 +113,7 @@ def response_errors(
         if estimate is None:
             continue
         x, variance, free = estimate
+        high = min(high, float(frequency.max()))  # a band may reach beyond half the sample rate
         middle = math.sqrt(low * high)
         h, limit = noise_filter.response([middle])[0], limit_at(model, controller, middle)
         of_plant = model.response([middle]) + h @ x
@@ -127,8 +129,16 @@ def response_errors(
                     float(special.fdtrc(2 * len(x), 2 * free, ratio[column] / variance))
                     for variance in (1.0, variance_of_estimate(model, data))
                 )
-                errors_of_bands.append(BandError(low, high, name, more, deviation, limit, p_value, p_estimated))
+                errors_of_bands.append(BandError(low, max(min(high, last), low), name, more, deviation, limit, p_value, p_estimated))
     return tuple(errors_of_bands)
+
+
+def _last_excited(frequency: Arrays, r: NDArray[np.complex128]) -> float:
+    """The highest frequency (Hz) with a visible part of the power of the reference at or above it."""
+    order = np.argsort(frequency)
+    power = np.sum(np.abs(r[order]) ** 2, axis=1)
+    beyond = np.cumsum(power[::-1])[::-1]
+    return float(frequency[order][np.flatnonzero(beyond >= _LEAST_POWER * beyond[0])[-1]])
 
 
 def variance_of_estimate(model: StateSpaceModel, data: IdentificationData) -> float:

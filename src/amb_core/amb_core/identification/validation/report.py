@@ -28,8 +28,9 @@ def summary_line(validation: JudgedMeasures) -> str:
     """The verdict and the main numbers in one line."""
     model = validation.model
     parts = []
+    if validation.closed_loop_stable is not None:
+        parts.append(f"closed loop {_word(validation.closed_loop_stable, 'stable', 'unstable')}")
     if validation.closed_loop is not None:
-        parts.append(f"closed loop {_word(validation.closed_loop.stable, 'stable', 'unstable')}")
         parts.append(f"closed-loop fit {_by_output(validation, validation.fit)}")
     parts.append(f"one-step fit {_by_output(validation, validation.one_step_fit)}")
     if validation.evidence.measured:
@@ -176,10 +177,11 @@ def _heading(validation: JudgedMeasures) -> list[str]:
 def _closed_loop(validation: JudgedMeasures) -> list[str]:
     loop = validation.closed_loop
     if loop is None:
-        return ["CLOSED LOOP  not checked"]
+        if validation.loop_poles is None:
+            return ["CLOSED LOOP  not checked"]
+        return [f"CLOSED LOOP  {_stability(validation)}; not simulated: {validation.without_loop}"]
     return [
-        f"CLOSED LOOP  {_word(loop.stable, 'stable', 'UNSTABLE')}, largest pole {np.abs(loop.poles[0]):.5f}; "
-        "from the reference alone, with the known controller",
+        f"CLOSED LOOP  {_stability(validation)}; from the reference alone, with the known controller",
         *_table(
             ("", validation.model.output_names),
             ("fit, deviations alone (%)", _fits(loop.fit_without_means)),
@@ -188,6 +190,12 @@ def _closed_loop(validation: JudgedMeasures) -> list[str]:
             ("measured minus simulated mean (um)", [f"{1e6 * value:.3g}" for value in loop.offset]),
         ),
     ]
+
+
+def _stability(validation: JudgedMeasures) -> str:
+    assert validation.loop_poles is not None
+    word = _word(bool(validation.closed_loop_stable), "stable", "UNSTABLE")
+    return f"{word}, largest pole {np.abs(validation.loop_poles[0]):.5f}"
 
 
 def _possible(validation: JudgedMeasures) -> list[tuple[str, Sequence[str]]]:

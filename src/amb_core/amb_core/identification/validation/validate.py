@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,7 +14,9 @@ from amb_core.data.experiments import Finding, IdentificationData, Severity, res
 from amb_core.data.experiments.checks import check_recording, evidence_of
 from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
-from amb_core.identification.controller_check import NOT_CHECKED, check_controller
+from amb_core.ground.sample_times import difference, same_sample_time
+from amb_core.identification.closed_loop import closed_loop_poles
+from amb_core.identification.controller_check import NOT_CHECKED, added_constant, check_controller
 from amb_core.identification.given import (
     Controller,
     Data,
@@ -138,7 +140,7 @@ def _validate(
             model.samples,
             ([one.errors for one in quiet], _from_first(data, quiet, "inputs")),
         )
-        loop = _closed_loop(model, data, controller, prediction)
+        loop = _closed_loop(model, data, recorded, controller, prediction)
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
         deviations = find_deviations(model, data, prediction, known)
@@ -163,6 +165,7 @@ def _validate(
         ringing=ringing,
         possible_fit=loop.possible,
         without_loop=loop.missing,
+        loop_poles=loop.poles,
         overlap=overlap(model.fingerprint, recorded),
         search=search or SearchEnd.of(model),
         undecided=uncertainty.at_one if uncertainty is not None else next(iter(model.undecided), None),
@@ -194,11 +197,12 @@ def _from_first(
 
 
 def _fitting(data: IdentificationData, model: StateSpaceModel) -> IdentificationData:
-    """The data, if they suit the model."""
-    if abs(data.sample_time / model.sample_time - 1.0) > 1e-9:
+    """The data at the sample time of the model, if they suit it."""
+    if not same_sample_time(data.sample_time, model.sample_time):
         raise IdentificationError(
             f"the data have a sample time of {data.sample_time:g} s, the model of {model.sample_time:g} s; "
-            "a model can only be validated on data with its own sample time"
+            "a model can only be validated on data with its own sample time: "
+            + difference(data.sample_time, model.sample_time)
         )
     for kind in ("input", "output"):
         mine, theirs = getattr(model, f"{kind}_names"), getattr(data, f"{kind}_names")
@@ -224,21 +228,26 @@ def _fitting(data: IdentificationData, model: StateSpaceModel) -> Identification
                 f"experiment {index} holds values that are not finite; leave them out with --repair split (in Python: "
                 "split_at_invalid)"
             )
-    return data
+    return replace(data, sample_time=model.sample_time)
 
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """The closed loop of the experiments with a known reference, or why it is missing."""
+    """The closed loop of the experiments with a known reference, or why it is missing; its poles need no reference."""
 
     closed_loop: ClosedLoop | None = None
+    poles: NDArray[np.complex128] | None = None
     possible: PossibleFit | None = None
     missing: str = ""
     notes: tuple[str, ...] = ()
 
 
 def _closed_loop(
-    model: StateSpaceModel, data: IdentificationData, controller: KnownController | None, prediction: Prediction
+    model: StateSpaceModel,
+    data: IdentificationData,
+    recorded: IdentificationData,
+    controller: KnownController | None,
+    prediction: Prediction,
 ) -> _Loop:
     if controller is None:
         return _Loop(missing="the controller is not known")
@@ -246,13 +255,20 @@ def _closed_loop(
         return _Loop(missing="the units of the data are not those of a loop, A and m")
     known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
     if not known:
-        return _Loop(missing="the data have no reference")
+        return _Loop(poles=closed_loop_poles(model, controller), missing="the data have no reference")
     notes = []
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
+    constant = added_constant(recorded, controller)
+    if constant is not None:  # the currents reach the plant without it, as its operating point then does
+        measured = [replace(record, current=record.current - constant) for record in measured]
+        model = replace(model, input_offset=model.input_offset - constant)
+        table = zip(model.input_names, constant, strict=True)
+        added = ", ".join(f"{name} {value:.3g} A" for name, value in table if value)
+        notes.append(f"closed loop: simulated without the constant in the recorded currents, {added}")
     closed_loop = check_closed_loop(model, controller, measured, prediction.first_states[known])
-    return _Loop(closed_loop, possible_fit(measured), "", tuple(notes))
+    return _Loop(closed_loop, closed_loop.poles, possible_fit(measured), "", tuple(notes))
 
 
 def _controller_check(data: IdentificationData, controller: KnownController | None, loop: _Loop) -> Finding:

@@ -44,7 +44,10 @@ class Validation(JudgedMeasures):
     possible_fit : PossibleFit or None
         Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
-        Why there is no closed loop; empty if there is one.
+        Why there is no simulated closed loop; empty if there is one.
+    loop_poles : ndarray of complex or None
+        Poles in the z plane (-) of model and controller, also without a reference; None if the controller or the units
+        are not known.
     overlap : float
         Share of the samples of the identification that these data hold again, about (-).
     search : SearchEnd or None
