@@ -114,7 +114,9 @@ class RegionWatch:
                 return ""
             return f"the machine changed within run {self.run}; its bearings hold from the next run on"
         bearings = "; ".join(f"{bearing.name}: {', '.join(bearing.axes)}" for bearing in layout.bearings)
-        return f"run {self.run} is classified without its machine, with bearings by the names of the axes ({bearings})"
+        text = f"run {self.run} is classified without its machine, with bearings by the names of the axes ({bearings})"
+        unknown = not all(self._classifier.judged.contact.values())
+        return f"{text}; D not judged: the clearance is not known" if unknown else text
 
     @property
     def conflict(self) -> str:

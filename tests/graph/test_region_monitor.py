@@ -18,7 +18,7 @@ from amb_core.plant.parameters import PlantParameters, RotorParameters
 from amb_core.recording import Recording
 from amb_core.recording.messages.loop_samples import fill_loop_samples, steps_in
 from amb_core.recording.messages.region_state import region_state_from_message
-from amb_core.regions import Classification, Region, classify
+from amb_core.regions import Classification, Region, RegionParameters, classify
 from amb_msgs.msg import AxisSamples, LoopSamples, RegionState, SimulatorState
 from amb_msgs.srv import StartRecording, StopRecording
 from amb_ros.qos import EVERY_STATE, HISTORY
@@ -205,6 +205,9 @@ def test_a_listener_found_late_gets_what_was_played_before(sweep: LiveSweep, gra
 # -- telemetry of every kind
 
 
+RADIUS = 250e-6  # m
+
+
 @pytest.fixture(scope="module")
 def drifting() -> LoopRecord:
     """Noise about a bias that begins to sink after 1 s."""
@@ -221,7 +224,8 @@ class Monitored:
     def __init__(self, graph: Graph) -> None:
         self.loop, self.listener, self.bearing = Loop(graph), Listener(graph), Bearing(graph)
         self._runs = itertools.count(1)
-        graph.start(MONITOR, parameters={"machine_timeout": 0.1})  # no machine is published
+        # no machine is published
+        graph.start(MONITOR, parameters={"machine_timeout": 0.1, "backup_bearing_radius": RADIUS})
         graph.wait_until(self.listener.subscription.get_publisher_count, "the monitor")
 
     def play(self, *records: LoopRecord, block: int = 100) -> int:
@@ -276,7 +280,7 @@ def test_health_says_at_once_that_the_rotor_delevitated(monitored: Monitored, dr
     position = start.position.copy()
     position[800:, 1] = -400e-6
     fallen = LoopRecord(0, 1e-4, start.reference, position, start.current)
-    last = classify(fallen).states[-1]
+    last = classify(fallen, RegionParameters(backup_bearing_radius=RADIUS)).states[-1]
     assert (last.region, last.settled) == (Region.D, False)
     monitored.play(fallen)
     monitored.wait_for_health("region D, delevitated")

@@ -87,7 +87,7 @@ def test_an_unstable_loop_and_wrong_units_are_found_without_the_data(loop) -> No
     assert [check.name for check in certificate.checks] == ["the loop is stable"]
     with pytest.raises(RobustnessError, match=r"outputs in um, um.*in m"):
         certify_from_data(replace(model, output_units=("um", "um")), control, NOWHERE)
-    with pytest.raises(RobustnessError, match="units of the model's inputs are not known.*--units A,um"):
+    with pytest.raises(RobustnessError, match=r"units of the model's inputs are not known.*--units A,um"):
         certify_from_data(replace(model, input_units=("", ""), output_units=("", "")), control, NOWHERE)
 
 

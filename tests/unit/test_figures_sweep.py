@@ -15,6 +15,7 @@ from amb_core.report.figures.drawing import Curve, Panel, Rule, Span
 from amb_core.report.figures.sweep import sweep_chart
 from amb_core.report.figures.thinning import extremes, thinned_path
 
+ALL_JUDGED = Judged({}, {}, 0.7)
 STEPS, RATE = 20_000, 10_000.0
 START = 2_000  # of the sweep
 DRIFT, END = Onset(8_000, 0.8, 400.0, False), Onset(STEPS, 2.0, 1_000.0, False)
@@ -44,7 +45,9 @@ def classification() -> Classification:
         axis = AxisState(region, since, *[0.0] * 8, sampling_beat=15_000 < stop <= 15_500)
         states.append(RegionState(stop - 1, (axis, axis), (), region, since, 0.0, stop > 500))
     last = replace(states[-1], region=Region.D, since=END)
-    return Classification([*states, last], {Region.B: DRIFT, Region.D: END}, {"x": {}, "y": {Region.B: DRIFT}}, Judged({}, {}, 0.7))
+    return Classification(
+        [*states, last], {Region.B: DRIFT, Region.D: END}, {"x": {}, "y": {Region.B: DRIFT}}, ALL_JUDGED
+    )
 
 
 def of_kind(panel: Panel, kind: type) -> list:

@@ -14,6 +14,7 @@ from amb_core.regions import AxisState, Classification, Judged, Onset, Region, R
 from amb_core.report.figures.drawing import Curve, Rule, Span
 from amb_core.report.figures.sweep_comparison import SweepCase, onset_summary, sweep_comparison_chart
 
+ALL_JUDGED = Judged({}, {}, 0.7)
 STEPS = 20_000
 FREQUENCY = np.linspace(10.0, 1_000.0, STEPS)
 
@@ -28,7 +29,7 @@ def case(name: str, begins: dict[Region, int]) -> SweepCase:
         states.append(RegionState(step, (axis, replace(axis, name="y")), (), region, since, 0.0, True))
     position = np.column_stack([np.zeros(STEPS), 1e-5 * np.sin(0.1 * np.arange(STEPS))])
     record = LoopRecord(0, 1e-4, position, position, position)
-    return SweepCase(name, record, FREQUENCY, Classification(states, onsets, {"x": {}, "y": onsets}, Judged({}, {}, 0.7)))
+    return SweepCase(name, record, FREQUENCY, Classification(states, onsets, {"x": {}, "y": onsets}, ALL_JUDGED))
 
 
 FALLS = case("falls", {Region.B: 5_000, Region.D: STEPS - 1})

@@ -22,6 +22,8 @@ from amb_paper.model_trials import ModelTask, ModelTrial
 from amb_paper.studies import arx, concurrent_sweep, multisine, square_waves
 from amb_paper.studies.arx import LAGS, NOISES, SAME_ORDER, Transient
 
+ALL_JUDGED = Judged({}, {}, 0.7)
+
 
 def record(position: np.ndarray) -> LoopRecord:
     return LoopRecord(0, 1e-4, np.zeros_like(position), position, np.zeros_like(position))
@@ -56,7 +58,7 @@ def errors(first: float, last: float) -> SweepError:
 
 
 def regions(*begun: Region) -> Classification:
-    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in begun}, {"x": {}, "y": {}}, Judged({}, {}, 0.7))
+    return Classification([], {region: Onset(0, 1.0, 100.0, False) for region in begun}, {"x": {}, "y": {}}, ALL_JUDGED)
 
 
 @pytest.mark.parametrize(

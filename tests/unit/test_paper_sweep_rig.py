@@ -24,6 +24,7 @@ from amb_paper.studies.sweep_rig import (
 )
 from amb_paper.sweeps import SweptBearing
 
+ALL_JUDGED = Judged({}, {}, 0.7)
 STEPS = 40_000
 TIME = np.arange(STEPS) * 1e-4
 FREQUENCY = np.linspace(100.0, 4000.0, STEPS)
@@ -33,7 +34,9 @@ def swept(y: np.ndarray) -> SweptBearing:
     """A sweep with a given response on y (m)."""
     position = np.column_stack([np.zeros(STEPS), y])
     record = LoopRecord(0, 1e-4, np.zeros((STEPS, 2)), position, np.zeros((STEPS, 2)))
-    return SweptBearing(Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, {"x": {}, "y": {}}, Judged({}, {}, 0.7)))
+    return SweptBearing(
+        Plant(), ControllerParameters(), record, FREQUENCY, Classification([], {}, {"x": {}, "y": {}}, ALL_JUDGED)
+    )
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
-from amb_core.regions import AxisState, Classification, Onset, Region, RegionState
+from amb_core.regions import AxisState, Classification, Judged, Onset, Region, RegionState
 from amb_paper.studies.causes import ALL, CASES, CENTRED, FORCE_LAW, cause_claim, effects_note, rotor_speed
 from amb_paper.studies.causes import speed_claim as motion_claim
 from amb_paper.studies.sweep_one_axis import (
@@ -56,7 +56,7 @@ def swept(plant: Plant):
             states.append(RegionState(step, (axis, replace(axis, name="y")), (), region, since, 0.0, True))
         samples = np.zeros((STEPS, 2))
         record = LoopRecord(0, 1e-4, samples, samples, samples)
-        classification = Classification(states, onsets, {"x": {}, "y": onsets})
+        classification = Classification(states, onsets, {"x": {}, "y": onsets}, Judged({}, {}, 0.7))
         return SweptBearing(plant, ControllerParameters(), record, FREQUENCY, classification)
 
     return make

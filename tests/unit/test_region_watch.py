@@ -126,10 +126,12 @@ def test_a_run_without_its_machine_has_bearings_by_names(watch: RegionWatch, tou
     watch.use(machine(2))
     state = watch.add_block(7, touching)[-1]
     assert [axis.name for axis in state.axes] == ["x_a", "y_a", "x_b", "y_b"]
-    assert state.region is not Region.D, "220 um are less than the default clearance"
+    assert state.region is not Region.D
     assert watch.machine_problem == (
         "run 7 is classified without its machine, with bearings by the names of the axes (a: x_a, y_a; b: x_b, y_b)"
+        "; D not judged: the clearance is not known"
     )
+    assert watch.not_judged == "D not judged: the clearance is not known"
 
 
 def test_a_machine_that_changes_holds_from_the_next_run_on(watch: RegionWatch, touching: LoopRecord) -> None:

@@ -266,7 +266,8 @@ def test_where_the_loop_follows_its_input_b_is_said_to_be_not_judged(kind: str) 
     assert Region.B not in classification.onsets, "the exclusion is part of the algorithm"
     assert judged.absent("y") == "no C or D" and not judged.complete()
     (said,) = judged.reservations
-    assert said.startswith("B not judged in ") and said.endswith("(y): the response is at 0.7 of the input or more (resonant)")
+    assert said.startswith("B not judged in ")
+    assert said.endswith("(y): the response is at 0.7 of the input or more (resonant)")
 
 
 def test_where_the_loop_resonates_for_a_part_b_is_judged_in_the_rest() -> None:

@@ -31,5 +31,7 @@ def outcome(number: int) -> tuple[str, str, float]:
     """Family of a case, what the classifier makes of it, and the relative error of a frequency that it found."""
     case = draw(FAMILIES[number % len(FAMILIES)], np.random.default_rng([SEED, number]))
     judged = judge(case)
-    error = abs(error_of(case, classify(case.record, clearance=CLEARANCE).onsets[PLANTED[case.family]])) if judged == "found" else 0.0
-    return case.family, judged, error
+    if judged != "found":
+        return case.family, judged, 0.0
+    onset = classify(case.record, clearance=CLEARANCE).onsets[PLANTED[case.family]]
+    return case.family, judged, abs(error_of(case, onset))

@@ -172,9 +172,7 @@ def test_sample_times_that_differ_are_refused_with_the_difference(
             refused()
 
 
-def test_a_constant_in_the_recorded_currents_does_not_refuse_a_true_model(
-    bearing, model: StateSpaceModel
-) -> None:
+def test_a_constant_in_the_recorded_currents_does_not_refuse_a_true_model(bearing, model: StateSpaceModel) -> None:
     record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6, amplitude=20e-6)
     constant = np.array([1.5, -0.4])
     data = IdentificationData.from_record(record)

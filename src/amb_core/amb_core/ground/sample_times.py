@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 SAME = 1e-4
-"""Relative difference up to which two sample times are taken as one. A clock of a rig is off by up to 1e-4, and stamps that
-are rounded to 0.1 us by some 1e-6. Taken as one, frequencies and poles are wrong by this share, a tenth of what a
-validation resolves; rates that are meant to differ do so by far more."""
+"""Relative difference up to which two sample times are taken as one. Quartz clocks are off by up to 1e-4, and stamps
+that are rounded to 0.1 us by some 1e-6. Taken as one, frequencies are wrong by this share; rates that are meant to
+differ do so by far more."""
 
 
 def same_sample_time(first: float, second: float) -> bool:

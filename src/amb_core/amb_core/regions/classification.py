@@ -60,8 +60,8 @@ def classify(
     machine : Machine, optional
         The machine, if it is known: its bearings and their clearances. None otherwise: see `layout_without_machine`.
     clearance : mapping of str to float, optional
-        Without a machine, by axis: displacement from the centre at which the rotor touches its bearing (m). Where it is
-        not known, D is not judged, unless `delevitated` says it.
+        Without a machine, by axis: displacement from the centre at which the rotor touches its bearing (m). None if it
+        is not known; D is then not judged, unless `delevitated` says it.
     delevitated : bool, optional
         Whether the record ends because the rotor delevitated in its last step (its position there is not recorded).
     frequency : ndarray, shape (steps,), optional

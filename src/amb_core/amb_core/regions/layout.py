@@ -135,7 +135,8 @@ def layout_without_machine(axes: tuple[str, ...], clearance: Mapping[str, float]
     axes : tuple of str
         Names of the axes.
     clearance : mapping of str to float, optional
-        By axis, where it is known: displacement at which the rotor touches its bearing (m).
+        By axis, where it is known: displacement at which the rotor touches its bearing (m). None if it is known for no
+        axis.
 
     Returns
     -------

@@ -14,7 +14,7 @@ MONITOR_NODE = "region_monitor"
 
 
 def radial_clearance(axes: Iterable[str], clearance: float | None) -> dict[str, float]:
-    """The clearance that is given for radial bearings, by axis: all but those along the shaft, whose names begin with z.
+    """The clearance that is given for radial bearings, by axis: all but those along the shaft, named z or z and more.
 
     Parameters
     ----------
@@ -46,9 +46,9 @@ def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, f
     dict of str to float
         By axis, where it is known: displacement from the centre at which the rotor touches its bearing (m).
     """
-    axes, known = tuple(axes), {}
+    axes = tuple(axes)
     simulated = (recording.parameters_of(SIMULATOR_NODE) or {}).get("rotor.backup_bearing_radius")
-    known |= radial_clearance(axes, simulated)
+    known = radial_clearance(axes, simulated if isinstance(simulated, float) else None)
     machine = recording.machine()
     if machine is not None and machine.axis_names == axes:
         of_bearing = {bearing.name: bearing.clearance for bearing in machine.bearings}

@@ -63,7 +63,7 @@ class Measures(Result):
         Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
         Why there is no simulated closed loop; empty if there is one.
-    loop_poles : ndarray of complex or None
+    loop_poles : ndarray of complex, shape (n + c,), or None
         Poles in the z plane (-) of model and controller, largest magnitude first; None if the controller or the units
         are not known. They need no reference.
     overlap : float

@@ -129,7 +129,9 @@ def response_errors(
                     float(special.fdtrc(2 * len(x), 2 * free, ratio[column] / variance))
                     for variance in (1.0, variance_of_estimate(model, data))
                 )
-                errors_of_bands.append(BandError(low, max(min(high, last), low), name, more, deviation, limit, p_value, p_estimated))
+                errors_of_bands.append(
+                    BandError(low, max(min(high, last), low), name, more, deviation, limit, p_value, p_estimated)
+                )
     return tuple(errors_of_bands)
 
 

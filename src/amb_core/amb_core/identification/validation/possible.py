@@ -7,9 +7,9 @@ alone it leaves what noise, disturbances and distortion move, as the simulation 
 noise biases it, so that it leaves more; of several numbers of lags the one counts that leaves least. A judged model
 that is poor, or comes from few samples, cannot lower this fit.
 
-At high sample rates as many lags are a shorter time, and the noise biases them more. Above 10 kHz the lags are also taken
-2, 4, 8 ... samples apart, as long as they are not further apart than samples of 10 kHz, with the references averaged over as
-many samples.
+At high sample rates as many lags are a shorter time, and the noise biases them more. Above 10 kHz the lags are also
+taken 2, 4, 8 ... samples apart, as long as they are not further apart than samples of 10 kHz, with the references
+averaged over as many samples.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall, 1999, sections 4.2 and 13.5 (indirect identification).
 """

@@ -45,7 +45,7 @@ class Validation(JudgedMeasures):
         Closed-loop fit that a true model reaches on these data; None without a loop, or for too few samples.
     without_loop : str
         Why there is no simulated closed loop; empty if there is one.
-    loop_poles : ndarray of complex or None
+    loop_poles : ndarray of complex, shape (n + c,), or None
         Poles in the z plane (-) of model and controller, also without a reference; None if the controller or the units
         are not known.
     overlap : float
