@@ -100,7 +100,7 @@ def test_the_check_of_the_delay_advises_it_and_is_content_with_it() -> None:
     plain, direct = (
         identify(data(), 6, "ssarx", feedthrough=wanted).report.finding("delay") for wanted in (False, True)
     )
-    assert plain.severity is Severity.WARNING and "identify with feedthrough" in plain.advice
+    assert plain.severity is Severity.WARNING and "identify with --feedthrough" in plain.advice
     assert direct.severity is Severity.INFO and "direct feedthrough" in direct.what
 
 
