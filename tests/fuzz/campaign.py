@@ -20,7 +20,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 
 from amb_bringup.client import NODES
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import Pause, Reset, RunSteps, StopRecording
 from amb_ros.qos import LATCHED

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from rclpy.action import ActionServer
 
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.graph.launcher import Graph, launch_file
@@ -16,11 +17,17 @@ from amb_controller_node.parameters import GeneratorParameters, PdControllerPara
 from amb_core.ground.parameters import load_parameters
 from amb_core.recording import Recording
 from amb_core.regions import Region
+from amb_msgs.action import BuildMap
+from amb_msgs.srv import Certify
 from amb_sim_node.parameters import SimulatorParameters
 from tests.graph.limits import TIMEOUT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from rclpy.action.server import ServerGoalHandle
+
+    from tests.graph.conftest import Graph as GraphOfTests
 
 SETTLING = 1_000
 STEPS = 6_000
@@ -134,6 +141,32 @@ def test_refusals_are_errors_with_the_reason(amb: AmbClient, call, reason):
     with pytest.raises(ClientError) as caught:
         call(amb)
     assert reason in str(caught.value)
+
+
+def test_numbers_reach_a_service_and_an_action_as_they_are(graph: GraphOfTests) -> None:
+    received: list[Any] = []
+
+    def certify(request: Certify.Request, response: Certify.Response) -> Certify.Response:
+        received.append((request.extra_delay, request.zone_a, request.mode_gain))
+        response.success = True
+        return response
+
+    def build(goal: ServerGoalHandle) -> BuildMap.Result:
+        received.append((goal.request.amplitude_low, goal.request.initial_sweeps))
+        goal.succeed()
+        return BuildMap.Result(message="no map")
+
+    graph.node.create_service(Certify, "/amb/identifier/certify", certify)
+    server = ActionServer(graph.node, BuildMap, "/amb/region_monitor/build_map", build)
+    with AmbClient(domain_id=graph.domain, timeout=TIMEOUT) as client:
+        assert not Certify.Request()._check_fields  # as for users
+        client.certify("paper", extra_delay=1, zone_a=np.int64(4), mode_gain=np.float32(0.5))
+        with pytest.raises(ClientError, match=r"/amb/identifier/certify: extra_delay = '1' is not allowed; allowed: a"):
+            client.certify("paper", extra_delay="1")
+        with pytest.raises(ClientError, match="no map"):
+            client.build_map(amplitude_low=np.float32(0.5), initial_sweeps=np.int64(3))
+    server.destroy()
+    assert received == [(1.0, 4.0, 0.5), (0.5, 3)]
 
 
 def test_missing_graph_is_an_error_that_names_the_service(domain: int):

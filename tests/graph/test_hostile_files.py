@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from tests.fuzz.crafted_files import CRAFTED, SECRET, make_secret
 from tests.graph.conftest import Graph
 from tests.graph.identifier_loop import Loop, linear_loop

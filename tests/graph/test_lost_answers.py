@@ -145,7 +145,7 @@ def test_a_client_that_has_used_an_action_leaves_the_graph_when_it_closes(graph:
     server = ActionServer(graph.node, BuildMap, "/amb/region_monitor/build_map", succeed)
     client = GraphConnection("amb", TIMEOUT, graph.domain, [])
     with client:
-        assert client.act(BuildMap, "region_monitor/build_map", BuildMap.Goal(), lambda _: None, lambda: False).success
+        assert client.act(BuildMap, "region_monitor/build_map", on_feedback=print, cancelled=lambda: False).success
         graph.wait_until(lambda: "amb_client" in graph.node.get_node_names(), "the client")
     graph.wait_until(lambda: "amb_client" not in graph.node.get_node_names(), "the end of the client", timeout=30.0)
     server.destroy()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_bringup.demos.demo_run import plant_of
 from amb_core.excitation import Multisine, Square
 from amb_core.ground.parameters import validate

@@ -16,7 +16,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_bringup.demos.demo_run import controller_of
 from amb_core.excitation import Square
 from amb_core.linear.model import StateSpaceModel

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from amb_bringup.client.connection import ClientError, refuse_cut_texts
+from amb_bringup.client.errors import ClientError
+from amb_bringup.client.messages import refuse_cut_texts
 
 
 def test_a_text_with_a_nul_character_is_refused_with_its_field() -> None:

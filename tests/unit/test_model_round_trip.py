@@ -93,6 +93,13 @@ def unitless(tmp_path: Path) -> StateSpaceModel:
     )
 
 
+@pytest.mark.parametrize("of", [int, np.int64, np.float32])
+def test_messages_carry_a_sample_time_and_a_number_of_samples_of_every_type(unitless: StateSpaceModel, of: Any) -> None:
+    model = replace(unitless, sample_time=of(1), samples=np.int64(5))
+    message = deserialize_message(serialize_message(fill_model(StateSpaceModelMessage(), model)), StateSpaceModelMessage)
+    assert (message.sample_time, message.samples) == (1.0, 5)
+
+
 def test_units_are_those_of_the_bearing_where_none_are_given(unitless: StateSpaceModel) -> None:
     assert (unitless.input_units, unitless.output_units) == (("A", "A"), ("m", "m"))
     volts = replace(unitless, input_units=("V", "V"), output_units=("", "rad"))

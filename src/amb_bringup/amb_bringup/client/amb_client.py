@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_bringup.client.experiment import Experiment, ExperimentRun, carry_out
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import excitation_from_request

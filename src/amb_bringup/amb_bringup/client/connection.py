@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,8 +18,8 @@ from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 
-from amb_core.ground.errors import AmbError, bounded
-from amb_core.ground.plain_text import is_for_ros
+from amb_bringup.client.errors import ClientError, NoAnswerError
+from amb_bringup.client.messages import filled
 from amb_ros import interruptions, middleware
 from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
@@ -28,14 +28,6 @@ from amb_ros.requests import PendingRequest
 UNKNOWN = "; it may have been carried out: look at the state of the node before you ask again"
 RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less than the 10 s for which rclpy keeps results
 REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
-
-
-class ClientError(AmbError):
-    """A node of the graph is missing, does not answer in time, or refuses a request."""
-
-
-class NoAnswerError(ClientError):
-    """A request was sent, and is not answered in time: nobody knows whether it was carried out."""
 
 
 class GraphConnection:
@@ -186,7 +178,7 @@ class GraphConnection:
             Time without an answer after which the request is sent again, because it is idempotent (s); twice as long
             every time. Others are sent once: the node may have carried out what it has not answered.
         **fields : object
-            Fields of the request.
+            Fields of the request, numbers and texts of Python or NumPy.
 
         Returns
         -------
@@ -198,16 +190,16 @@ class GraphConnection:
         NoAnswerError
             If the answer does not come in time.
         ClientError
-            If the node is missing or refuses the request.
+            If the node is missing or refuses the request, or a value does not fit its field.
         """
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
-        refuse_cut_texts(full_name, fields)
+        request = filled(service.Request, full_name, fields)
         wait = self.timeout if timeout is None else timeout
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
-        pending = PendingRequest(client, service.Request(**fields), repeat_after)
+        pending = PendingRequest(client, request, repeat_after)
         try:
             self.wait_until(lambda: pending.answer() is not None, wait)
             answer = pending.answer()
@@ -221,7 +213,13 @@ class GraphConnection:
         return answer
 
     def act(
-        self, action: Any, name: str, goal: Any, on_feedback: Callable[[Any], None], cancelled: Callable[[], bool]
+        self,
+        action: Any,
+        name: str,
+        /,
+        on_feedback: Callable[[Any], None],
+        cancelled: Callable[[], bool],
+        **fields: Any,
     ) -> Any:
         """Send a goal to an action and wait for its result without a time limit, or until its node has ended.
 
@@ -231,12 +229,12 @@ class GraphConnection:
             Type of the action.
         name : str
             Its name, relative to the namespace.
-        goal : action goal
-            The goal, of that type.
         on_feedback : callable
             Called with every feedback message.
         cancelled : callable
             Called while waiting; when it returns true the goal is cancelled. The result may then be without `success`.
+        **fields : object
+            Fields of the goal, likewise.
 
         Returns
         -------
@@ -246,14 +244,14 @@ class GraphConnection:
         Raises
         ------
         ClientError
-            If the action is missing, refuses the goal or fails, or its node ends.
+            If the action is missing, refuses the goal or fails, its node ends, or a value does not fit its field.
         """
         if name not in self._clients:
             self._clients[name] = ActionClient(self.node, action, name)
             self._rejections[name] = RejectionListener(self.node, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
-        refuse_cut_texts(full_name, {field: getattr(goal, field) for field in goal.get_fields_and_field_types()})
+        goal = filled(action.Goal, full_name, fields)
         self.wait_until(client.server_is_ready, complaint=f"no action {full_name}; is the node running?")
         self._rejections[name].forget(goal)
         accepted = client.send_goal_async(goal, on_feedback)
@@ -289,17 +287,6 @@ class GraphConnection:
         except ClientError:
             return "the goal was rejected; see the log of its node"
         return str(heard.reason(goal))
-
-
-def refuse_cut_texts(name: str, fields: Mapping[str, Any]) -> None:
-    """Raise ClientError for a text that ROS does not carry whole: it would be cut, and no node can see that."""
-    for field, value in fields.items():
-        for text in value if isinstance(value, list | tuple) else [value]:
-            if isinstance(text, str) and not is_for_ros(text):
-                raise ClientError(
-                    f"{name}: {field} = {bounded(repr(text), 200)} has a NUL character or is no Unicode; allowed: "
-                    "Unicode text without NUL"
-                )
 
 
 def _leave(executor: Executor, node: Node, context: Context) -> None:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from amb_bringup.client.connection import ClientError, NoAnswerError
+from amb_bringup.client.errors import ClientError, NoAnswerError
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import Excitation
 from amb_core.ground.errors import AmbError

@@ -8,7 +8,8 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from amb_bringup.client.connection import ClientError, GraphConnection
+from amb_bringup.client.connection import GraphConnection
+from amb_bringup.client.errors import ClientError
 from amb_bringup.client.request_fields import absolute, controller_name, description_text, known_settings
 from amb_core.linear.model import StateSpaceModel
 from amb_core.recording.messages.state_space_model import model_from_message
@@ -99,10 +100,15 @@ class IdentifierCalls(GraphConnection):
                 cost = None if math.isnan(feedback.cost) else feedback.cost
                 progress(IdentificationProgress(feedback.stage, feedback.done, feedback.total, cost))
 
-        goal = Identify.Goal(
+        auto = isinstance(order, str) and order == "auto"
+        result = self.act(
+            Identify,
+            "identifier/identify",
+            on_feedback=on_feedback,
+            cancelled=cancelled or (lambda: False),
             bag=absolute(bag),
-            order=0 if order == "auto" else order,
-            auto_order=order == "auto",
+            order=0 if auto else order,
+            auto_order=auto,
             method=method,
             focus=focus,
             first_step=first_step,
@@ -110,7 +116,6 @@ class IdentifierCalls(GraphConnection):
             controller=controller_name(controller),
             description=description_text(description),
         )
-        result = self.act(Identify, "identifier/identify", goal, on_feedback, cancelled or (lambda: False))
         if not result.success:
             raise ClientError(result.message)
         return IdentifiedModel.of(model_from_message(result.model), result.verdict)

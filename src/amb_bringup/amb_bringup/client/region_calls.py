@@ -6,7 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from amb_bringup.client.connection import ClientError, GraphConnection
+from amb_bringup.client.connection import GraphConnection
+from amb_bringup.client.errors import ClientError
 from amb_bringup.client.request_fields import absolute, known_settings
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionState as RegionStateMessage
@@ -120,12 +121,15 @@ class RegionCalls(GraphConnection):
                 region_map = region_map_from_message(feedback.map) if feedback.map.amplitude else None
                 progress(MapProgress(feedback.done, feedback.total, feedback.reused, region_map))
 
-        goal = BuildMap.Goal(
-            **known_settings(BuildMap.Goal, settings),
+        result = self.act(
+            BuildMap,
+            "region_monitor/build_map",
+            on_feedback=on_feedback,
+            cancelled=cancelled or (lambda: False),
             parameter_file=absolute(parameter_file),
             path=absolute(path),
+            **known_settings(BuildMap.Goal, settings),
         )
-        result = self.act(BuildMap, "region_monitor/build_map", goal, on_feedback, cancelled or (lambda: False))
         if not result.map.amplitude:
             raise ClientError(result.message)
         return region_map_from_message(result.map)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 
 if TYPE_CHECKING:
     from amb_core.data.experiments import DataDescription

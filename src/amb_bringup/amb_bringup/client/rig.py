@@ -17,7 +17,8 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
-from amb_bringup.client.connection import UNKNOWN, ClientError
+from amb_bringup.client.connection import UNKNOWN
+from amb_bringup.client.errors import ClientError
 from amb_bringup.client.region_calls import RegionCalls
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics

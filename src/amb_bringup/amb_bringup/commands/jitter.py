@@ -120,7 +120,7 @@ def jitter(
     are counted from the first report of a node in this watch, missed ones also since the start of the node (`in all`).
     The distribution of the lateness is that since the start of the node.
     """
-    from amb_bringup.client.connection import ClientError
+    from amb_bringup.client.errors import ClientError
     from amb_core.report.figures.lateness import lateness_chart
 
     if out is not None:

@@ -18,7 +18,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_bringup.client.rig import MODES
 from amb_bringup.experiments.measurements import SETTLING, Measurements, whole
 from amb_bringup.experiments.wiring import Wiring

@@ -7,7 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.connection import ClientError
+from amb_bringup.client.errors import ClientError
 from amb_core.excitation import KINDS, excitation_from_request
 from amb_core.ground.errors import AmbError, one_line
 from amb_core.ground.parameters import Declaration, declarations

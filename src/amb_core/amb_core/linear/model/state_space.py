@@ -23,6 +23,7 @@ from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables, save_variables
 from amb_core.ground.files.regular_files import MIB, is_folder, read_text
+from amb_core.ground.given_values import number, whole_number
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
 
@@ -116,6 +117,9 @@ class StateSpaceModel(LinearSystem):
             object.__setattr__(self, f"{kind}_names", names)
             object.__setattr__(self, f"{kind}_units", units or (_UNITS[f"{kind}_units"],) * len(names))
         object.__setattr__(self, "undecided", tuple(self.undecided))
+        # A message takes no other numbers than those of Python.
+        object.__setattr__(self, "sample_time", number("sample_time", self.sample_time, IdentificationError))
+        object.__setattr__(self, "samples", whole_number("samples", self.samples, IdentificationError))
         self._check()
 
     def unstable_poles(self) -> NDArray[np.complex128]:

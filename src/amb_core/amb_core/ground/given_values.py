@@ -1,0 +1,91 @@
+"""Values that users give to Python calls: converted where they are what is asked for, one clear line where not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from amb_core.ground.errors import AmbError, bounded
+
+LONGEST_SHOWN = 200  # characters
+
+
+def refusal(name: str, value: object, allowed: str, error: type[AmbError] = AmbError) -> AmbError:
+    """The error that a value is not allowed, as one line."""
+    shown = bounded(" ".join(repr(value).split()), LONGEST_SHOWN)
+    return error(f"{name} = {shown} is not allowed; allowed: {allowed}")
+
+
+def number(name: str, value: object, error: type[AmbError] = AmbError) -> float:
+    """A number of Python or NumPy as a float; AmbError, or `error`, for anything else, texts and truth values too."""
+    single = _of_python(value)
+    try:
+        if isinstance(single, Real) and not isinstance(single, bool | np.timedelta64):
+            return float(single)
+    except OverflowError:
+        pass
+    raise refusal(name, value, "a number", error)
+
+
+def whole_number(name: str, value: object, error: type[AmbError] = AmbError) -> int:
+    """A whole number of Python or NumPy as an int; AmbError, or `error`, for anything else, such as 3.0."""
+    single = _of_python(value)
+    if isinstance(single, Integral) and not isinstance(single, bool | np.timedelta64):
+        return int(single)
+    raise refusal(name, value, "a whole number", error)
+
+
+def numbers(name: str, values: Any, error: type[AmbError] = AmbError) -> NDArray[np.float64]:
+    """Real numbers as an array; NaN where they are masked or None.
+
+    Raises
+    ------
+    AmbError
+        Or `error`, if there is anything else: texts, times, complex numbers, rows of different lengths.
+    """
+    try:
+        array = np.asanyarray(values)
+    except (ValueError, TypeError):  # rows of different lengths
+        raise refusal(name, values, "an array of real numbers", error) from None
+    kind = array.dtype.kind
+    if array.ndim == 0 or (kind != "O" and kind not in "biuf") or (kind == "O" and not all(map(_is_real, array.flat))):
+        what = f"an array of {array.dtype}" if array.ndim else type(values).__name__
+        raise error(f"{name}: {what} is not allowed; allowed: an array of real numbers")
+    if isinstance(array, np.ma.MaskedArray):
+        return np.asarray(array.astype(np.float64).filled(np.nan))
+    return np.asarray(array, dtype=np.float64)
+
+
+def texts(name: str, values: Any, error: type[AmbError] = AmbError) -> tuple[str, ...]:
+    """Texts as a tuple, one text as one of them; AmbError, or `error`, for anything else."""
+    if isinstance(values, str):
+        return (str(values),)
+    if isinstance(values, Iterable) and not isinstance(values, bytes | Mapping):
+        given = tuple(values) if np.ndim(values) else ()  # type: ignore[arg-type]
+        if all(isinstance(item, str) for item in given):
+            return tuple(str(item) for item in given)
+    raise refusal(name, values, "a text for each", error)
+
+
+def path_of(name: str, value: object, error: type[AmbError] = AmbError) -> Path:
+    """A path; AmbError, or `error`, for what is neither a text nor a path."""
+    if isinstance(value, str) or (isinstance(value, os.PathLike) and isinstance(os.fspath(value), str)):
+        return Path(value)
+    raise refusal(name, value, "a path", error)
+
+
+def _of_python(value: object) -> object:
+    """A number of NumPy as that of Python; anything else, such as a masked one, as it is."""
+    if isinstance(value, np.generic) or (type(value) is np.ndarray and value.ndim == 0):
+        return value.item() if value.dtype.kind in "biuf" else value
+    return value
+
+
+def _is_real(value: object) -> bool:
+    return value is None or (isinstance(value, Real) and not isinstance(value, np.timedelta64))
