@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import re
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,6 +51,76 @@ def test_a_record_of_the_loop_becomes_an_experiment_and_comes_back() -> None:
     assert np.array_equal(dataset.experiments[0].inputs, record().current)
     assert dataset.record().identical_to(record())
     assert dataset.time() == pytest.approx(record().time, rel=1e-15)
+
+
+@pytest.mark.parametrize("of", [np.float64, np.float32, np.int64, object])
+def test_masked_and_missing_samples_are_no_measured_values(of: type) -> None:
+    values = np.ma.masked_equal(np.array([[1.0], [999.0], [3.0]]).astype(of), 999.0)
+    part = IdentificationData.from_arrays(values, values, SAMPLE_TIME, reference=values).experiments[0]
+    for signal in (part.inputs, part.outputs, part.reference, Experiment(values, values).inputs):
+        np.testing.assert_array_equal(signal, [[1.0], [np.nan], [3.0]])
+    missing = IdentificationData.from_arrays([1.0, None, 3.0], values, SAMPLE_TIME).experiments[0]
+    np.testing.assert_array_equal(missing.inputs, [[1.0], [np.nan], [3.0]])
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.ones(3) + 1j,
+        np.zeros(3, "M8[s]"),
+        np.zeros(3, "m8[s]"),
+        ["1", "2", "3"],
+        np.array(["1", 2.0, 3.0], dtype=object),
+        [[1.0, 2.0], [3.0]],
+        None,
+        3.0,
+    ],
+    ids=["complex", "dates", "durations", "texts", "texts among numbers", "ragged", "none", "a single number"],
+)
+def test_samples_that_are_no_real_numbers_are_refused_in_one_line(values: Any) -> None:
+    good = np.ones(3)
+    for make in (
+        lambda: IdentificationData.from_arrays(values, good, SAMPLE_TIME),
+        lambda: IdentificationData.from_arrays(good, values, SAMPLE_TIME),
+        lambda: Experiment(values, np.ones((3, 1))),
+    ):
+        with pytest.raises(IdentificationError, match=r"^(in|out)puts.* is not allowed; allowed: .* real numbers$"):
+            make()
+
+
+def test_names_and_units_are_texts_of_any_sequence() -> None:
+    of = functools.partial(IdentificationData.from_arrays, np.ones((3, 2)), [1, 2, 3], SAMPLE_TIME)
+    for names in (["a", "b"], ("a", "b"), np.array(["a", "b"]), iter(["a", "b"]), {"a": 1, "b": 2}.keys()):
+        assert of(input_names=names).input_names == ("a", "b")
+    single = of(output_names="y", output_units="m")
+    assert (single.output_names, single.output_units) == (("y",), ("m",))
+    assert single.select(inputs="u2").input_names == ("u2",)
+
+
+@pytest.mark.parametrize(
+    ("call", "problem"),
+    [
+        (lambda of: of(input_names=[1, 2]), "input_names = [1, 2] is not allowed; allowed: a text for each"),
+        (lambda of: of(input_units=[None, None]), "input_units = [None, None] is not allowed; allowed: a text"),
+        (lambda of: of(input_names=3), "input_names = 3 is not allowed"),
+        (lambda of: of(sample_time=None), "sample_time = None is not allowed; allowed: a number"),
+        (lambda of: of(sample_time="0.1"), "sample_time = '0.1' is not allowed; allowed: a number"),
+        (lambda of: of(sample_time=np.ones(2)), "sample_time = array([1., 1.]) is not allowed; allowed: a number"),
+        (lambda of: of(first_step=1.5), "first_step = 1.5 is not allowed; allowed: a whole number"),
+        (lambda of: of().split("a"), "share = 'a' is not allowed; allowed: a number"),
+        (lambda of: of().between("0", 1.0), "start = '0' is not allowed; allowed: a number"),
+        (lambda of: of().window(0.5, 2), "first_step = 0.5 is not allowed; allowed: a whole number"),
+        (lambda of: of().subset([5]), "there is no experiment 5; allowed: 0 to 0"),
+        (lambda of: of().time(3), "there is no experiment 3; allowed: 0 to 0"),
+        (lambda of: of().record("a"), "the index of an experiment = 'a' is not allowed; allowed: a whole number"),
+    ],
+)
+def test_values_of_another_type_are_refused_in_one_line(call: Callable[..., object], problem: str) -> None:
+    def of(sample_time: Any = SAMPLE_TIME, **options: Any) -> IdentificationData:
+        return IdentificationData.from_arrays(np.ones((3, 2)), np.ones((3, 2)), sample_time, **options)
+
+    with pytest.raises(IdentificationError, match=f"^{re.escape(problem)}"):
+        call(of)
 
 
 def test_slices_by_step_and_by_time_are_the_same() -> None:

@@ -96,7 +96,8 @@ def unitless(tmp_path: Path) -> StateSpaceModel:
 @pytest.mark.parametrize("of", [int, np.int64, np.float32])
 def test_messages_carry_a_sample_time_and_a_number_of_samples_of_every_type(unitless: StateSpaceModel, of: Any) -> None:
     model = replace(unitless, sample_time=of(1), samples=np.int64(5))
-    message = deserialize_message(serialize_message(fill_model(StateSpaceModelMessage(), model)), StateSpaceModelMessage)
+    sent = serialize_message(fill_model(StateSpaceModelMessage(), model))
+    message = deserialize_message(sent, StateSpaceModelMessage)
     assert (message.sample_time, message.samples) == (1.0, 5)
 
 

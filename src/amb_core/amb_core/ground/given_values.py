@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -53,8 +53,8 @@ def numbers(name: str, values: Any, error: type[AmbError] = AmbError) -> NDArray
         array = np.asanyarray(values)
     except (ValueError, TypeError):  # rows of different lengths
         raise refusal(name, values, "an array of real numbers", error) from None
-    kind = array.dtype.kind
-    if array.ndim == 0 or (kind != "O" and kind not in "biuf") or (kind == "O" and not all(map(_is_real, array.flat))):
+    objects = array.dtype.kind == "O" and all(map(_is_real, np.ma.getdata(array).flat))
+    if array.ndim == 0 or not (objects or array.dtype.kind in "biuf"):
         what = f"an array of {array.dtype}" if array.ndim else type(values).__name__
         raise error(f"{name}: {what} is not allowed; allowed: an array of real numbers")
     if isinstance(array, np.ma.MaskedArray):
@@ -66,10 +66,12 @@ def texts(name: str, values: Any, error: type[AmbError] = AmbError) -> tuple[str
     """Texts as a tuple, one text as one of them; AmbError, or `error`, for anything else."""
     if isinstance(values, str):
         return (str(values),)
-    if isinstance(values, Iterable) and not isinstance(values, bytes | Mapping):
-        given = tuple(values) if np.ndim(values) else ()  # type: ignore[arg-type]
-        if all(isinstance(item, str) for item in given):
-            return tuple(str(item) for item in given)
+    try:
+        given = tuple(values)
+    except TypeError:
+        given = (None,)
+    if not isinstance(values, Mapping) and all(isinstance(item, str) for item in given):
+        return tuple(str(item) for item in given)
     raise refusal(name, values, "a text for each", error)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.data.experiments.experiment import Experiment, line
 from amb_core.data.experiments.gap import DataGap, gaps_between
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import number, numbers, texts, whole_number
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
 _MANY_SIGNALS = 16  # with fewer samples than signals, the arrays are transposed
@@ -55,9 +56,10 @@ class IdentificationData:
     clearance: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
-        for name in ("experiments", "input_names", "output_names", "input_units", "output_units"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-        object.__setattr__(self, "sample_time", float(self.sample_time))
+        object.__setattr__(self, "experiments", tuple(self.experiments))
+        for name in ("input_names", "output_names", "input_units", "output_units"):
+            object.__setattr__(self, name, texts(name, getattr(self, name), IdentificationError))
+        object.__setattr__(self, "sample_time", number("sample_time", self.sample_time, IdentificationError))
         self._check()
 
     @property
@@ -87,7 +89,7 @@ class IdentificationData:
         Parameters
         ----------
         inputs : array_like, shape (steps, m) or (steps,)
-            Inputs, in the units of `input_units`.
+            Inputs, in the units of `input_units`; masked samples are missing ones.
         outputs : array_like, shape (steps, p) or (steps,)
             Outputs, in the units of `output_units`.
         sample_time : float
@@ -111,23 +113,24 @@ class IdentificationData:
         Raises
         ------
         IdentificationError
-            If the shapes do not fit together, or there are many signals and fewer samples.
+            If the shapes do not fit together, there are many signals and fewer samples, or values are no real numbers.
         """
-        u, y = _columns(inputs), _columns(outputs)
+        u, y = _columns("inputs", inputs), _columns("outputs", outputs)
         for name, values in (("inputs", u), ("outputs", y)):
             if values.ndim == 2 and values.shape[1] > max(values.shape[0], _MANY_SIGNALS):
                 raise IdentificationError(
                     f"{name} {values.shape} have more signals than samples; shapes are (steps, signals): transpose them"
                 )
-        experiment = Experiment(u, y, None if reference is None else _columns(reference), first_step, source)
+        r = None if reference is None else _columns("reference", reference)
+        experiment = Experiment(u, y, r, first_step, source)
         m, p = u.shape[1], y.shape[1]
         return cls(
             (experiment,),
             sample_time,
-            tuple(input_names or [f"u{number}" for number in range(1, m + 1)]),
-            tuple(output_names or [f"y{number}" for number in range(1, p + 1)]),
-            tuple(input_units or [""] * m),
-            tuple(output_units or [""] * p),
+            _given("input_names", input_names) or tuple(f"u{index}" for index in range(1, m + 1)),
+            _given("output_names", output_names) or tuple(f"y{index}" for index in range(1, p + 1)),
+            _given("input_units", input_units) or ("",) * m,
+            _given("output_units", output_units) or ("",) * p,
         )
 
     @classmethod
@@ -184,7 +187,7 @@ class IdentificationData:
         ndarray, shape (steps,)
             Times (s).
         """
-        return self.experiments[index].time(self.sample_time)
+        return self._experiment(index).time(self.sample_time)
 
     def subset(self, indices: Iterable[int]) -> IdentificationData:
         """The experiments with these indices, in this order.
@@ -199,7 +202,8 @@ class IdentificationData:
         IdentificationData
             The chosen experiments.
         """
-        return replace(self, experiments=tuple(self.experiments[index] for index in indices))
+        chosen = indices if isinstance(indices, Iterable) else [indices]
+        return replace(self, experiments=tuple(self._experiment(index) for index in chosen))
 
     def window(self, first_step: int, stop: int) -> IdentificationData:
         """The samples of all experiments from step `first_step` up to, not including, `stop`.
@@ -221,6 +225,8 @@ class IdentificationData:
         IdentificationError
             If no sample is left.
         """
+        first_step = whole_number("first_step", first_step, IdentificationError)
+        stop = whole_number("stop", stop, IdentificationError)
         kept = [item for item in self.experiments if first_step < item.stop and item.first_step < stop > first_step]
         if not kept:
             spans = ", ".join(f"{item.first_step} to {item.stop - 1}" for item in self.experiments[:5])
@@ -245,6 +251,7 @@ class IdentificationData:
         IdentificationError
             If no sample is left.
         """
+        start, end = number("start", start, IdentificationError), number("end", end, IdentificationError)
         if not (math.isfinite(start) and math.isfinite(end)):
             raise IdentificationError(f"times from {start} s to {end} s are not allowed; they must be finite")
         # rounding: a time very close to a step is that step
@@ -268,6 +275,7 @@ class IdentificationData:
         IdentificationError
             If either part would be empty.
         """
+        share = number("share", share, IdentificationError)
         before = round(share * self.samples) if math.isfinite(share) else 0
         if not 0 < before < self.samples:
             raise IdentificationError(f"a share of {share} of {self.samples} samples leaves a part without samples")
@@ -299,8 +307,9 @@ class IdentificationData:
         IdentificationError
             If a name is unknown.
         """
-        ins = [_position(name, self.input_names, "input") for name in inputs or self.input_names]
-        outs = [_position(name, self.output_names, "output") for name in outputs or self.output_names]
+        ins = [_position(name, self.input_names, "input") for name in _given("inputs", inputs) or self.input_names]
+        names = _given("outputs", outputs) or self.output_names
+        outs = [_position(name, self.output_names, "output") for name in names]
         experiments = tuple(
             replace(
                 item,
@@ -342,7 +351,7 @@ class IdentificationData:
         IdentificationError
             If it has no reference, or not two inputs in A and two outputs in m.
         """
-        item = self.experiments[index]
+        item = self._experiment(index)
         if item.reference is None:
             raise IdentificationError(
                 "a record of the loop needs the reference, which these data lack; name its columns with --reference"
@@ -363,6 +372,12 @@ class IdentificationData:
             item.inputs + line(item.input_trend, time),
             self.output_names,
         )
+
+    def _experiment(self, index: int) -> Experiment:
+        chosen = whole_number("the index of an experiment", index, IdentificationError)
+        if not -len(self.experiments) <= chosen < len(self.experiments):
+            raise IdentificationError(f"there is no experiment {chosen}; allowed: 0 to {len(self.experiments) - 1}")
+        return self.experiments[chosen]
 
     def _mean_trend(self, signal: str) -> NDArray[np.float64]:
         weights = [item.steps / self.samples for item in self.experiments]
@@ -390,8 +405,12 @@ class IdentificationData:
                     raise IdentificationError(f"experiment {index} has {columns} {kind}s; {len(names)} are named")
 
 
-def _columns(values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
+def _given(name: str, values: Sequence[str] | None) -> tuple[str, ...]:
+    return () if values is None else texts(name, values, IdentificationError)
+
+
+def _columns(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    array = numbers(name, values, IdentificationError)
     return array[:, np.newaxis] if array.ndim == 1 else array
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import numbers, whole_number
 
 
 def _no_trend() -> NDArray[np.float64]:
@@ -26,7 +27,7 @@ class Experiment:
     Attributes
     ----------
     inputs, outputs : ndarray, shapes (steps, m), (steps, p)
-        The samples, in the units of the data set.
+        The samples, in the units of the data set; NaN where they are masked.
     reference : ndarray, shape (steps, p), or None
         Setpoint of the outputs, in units of the outputs; None if it is not known.
     first_step : int
@@ -40,7 +41,7 @@ class Experiment:
     Raises
     ------
     IdentificationError
-        If the shapes do not fit together or there is no sample.
+        If the shapes do not fit together, there is no sample, or one is no real number.
     """
 
     inputs: NDArray[np.float64]
@@ -53,6 +54,7 @@ class Experiment:
     reference_trend: NDArray[np.float64] = field(default_factory=_no_trend)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "first_step", whole_number("first_step", self.first_step, IdentificationError))
         self._freeze("inputs", self.inputs)
         self._freeze("outputs", self.outputs)
         if self.reference is not None:
@@ -135,7 +137,7 @@ class Experiment:
         )
 
     def _freeze(self, name: str, values: ArrayLike) -> None:
-        array = np.array(values, dtype=np.float64, order="C")
+        array = np.array(numbers(name, values, IdentificationError), order="C")
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
