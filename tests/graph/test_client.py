@@ -169,9 +169,12 @@ def test_numbers_reach_a_service_and_an_action_as_they_are(graph: GraphOfTests) 
     assert received == [(1.0, 4.0, 0.5), (0.5, 3)]
 
 
-def test_missing_graph_is_an_error_that_names_the_service(domain: int):
+def test_missing_graph_is_an_error_that_names_the_service_and_so_is_a_closed_client(domain: int):
     with (
         AmbClient(domain_id=domain, timeout=0.3) as client,
         pytest.raises(ClientError, match="no service /amb/simulator/reset; is the node running"),
     ):
         client.reset()
+    for call in (client.pause, client.identify, client.region_state, client.wait_for_nodes, client.spin_once):
+        with pytest.raises(ClientError, match="this client is closed"):
+            call()

@@ -1,7 +1,8 @@
-"""Values of requests and goals reach a node as they are given, or are refused; rclpy does not check them for users."""
+"""Values reach a node as they are given, or are refused; neither rclpy nor the middleware checks them for users."""
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 
+from amb_bringup.client import AmbClient
+from amb_bringup.client.connection import checked_domain
 from amb_bringup.client.errors import ClientError
 from amb_bringup.client.messages import filled
 from amb_msgs.action import BuildMap
@@ -86,3 +89,34 @@ def test_nested_messages_arrive_as_they_are() -> None:
     axis = MachineAxis(name="x", direction=[1.0, 0.0, 0.0])
     assert sent(Machine, axes=[axis], sample_rate=10_000) == Machine(axes=[axis], sample_rate=10_000.0)
     assert sent(MachineAxis, direction=(1, 0, 0)) == MachineAxis(direction=[1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        ({"domain_id": 233}, "domain_id = 233 is not allowed; allowed: 0 to 232"),
+        ({"domain_id": -1}, "domain_id = -1 is not allowed; allowed: 0 to 232"),
+        ({"domain_id": "3"}, "domain_id = '3' is not allowed; allowed: a whole number"),
+        ({"timeout": "a"}, "timeout = 'a' is not allowed; allowed: a number"),
+        ({"timeout": -1.0}, "timeout = -1.0 is not allowed; allowed: 0 s or more"),
+        ({"timeout": math.nan}, "timeout = nan is not allowed; allowed: 0 s or more"),
+        ({"namespace": "a b"}, "namespace = 'a b' is not allowed; allowed: letters, digits and _"),
+        ({"namespace": None}, "namespace = None is not allowed"),
+        ({"nodes": [1]}, "nodes = [1] is not allowed; allowed: a text for each"),
+    ],
+)
+def test_a_client_that_cannot_be_is_refused_in_one_line(arguments: dict[str, Any], problem: str) -> None:
+    with pytest.raises(ClientError, match=f"^{re.escape(problem)}"):
+        AmbClient(**arguments)
+
+
+@pytest.mark.parametrize("domain", ["240", "-1", "abc", "1e2", "4294967296"])
+def test_a_domain_of_the_environment_that_ends_the_process_is_refused(
+    domain: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    with pytest.raises(ClientError, match=f"^ROS_DOMAIN_ID = '{domain}' is not allowed; allowed: 0 to 232$"):
+        AmbClient()
+    assert checked_domain(232) == 232  # which counts then
+    monkeypatch.delenv("ROS_DOMAIN_ID")
+    assert checked_domain(None) is None

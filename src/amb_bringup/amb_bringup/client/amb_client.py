@@ -34,7 +34,7 @@ class AmbClient(LoopCalls):
     timeout : float, optional
         Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
     domain_id : int, optional
-        DDS domain of the graph; ROS_DOMAIN_ID by default.
+        DDS domain of the graph, 0 to 232; ROS_DOMAIN_ID by default.
     nodes : sequence of str, optional
         The nodes of the graph, relative to the namespace; by default those of a simulation.
     """

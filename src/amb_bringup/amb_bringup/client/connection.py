@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 import weakref
 from collections.abc import Callable, Sequence
@@ -14,12 +15,15 @@ from action_msgs.msg import GoalStatus
 from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rclpy.context import Context
+from rclpy.exceptions import InvalidNamespaceException
 from rclpy.executors import Executor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
+from rclpy.validate_namespace import validate_namespace
 
 from amb_bringup.client.errors import ClientError, NoAnswerError
 from amb_bringup.client.messages import filled
+from amb_core.ground.given_values import number, refusal, texts, whole_number
 from amb_ros import interruptions, middleware
 from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
@@ -27,6 +31,8 @@ from amb_ros.requests import PendingRequest
 
 UNKNOWN = "; it may have been carried out: look at the state of the node before you ask again"
 RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less than the 10 s for which rclpy keeps results
+DOMAIN = "ROS_DOMAIN_ID"
+LAST_DOMAIN = 232
 REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
 
 
@@ -40,7 +46,7 @@ class GraphConnection:
     timeout : float
         Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
     domain_id : int, optional
-        DDS domain of the graph; ROS_DOMAIN_ID by default.
+        DDS domain of the graph, 0 to 232; ROS_DOMAIN_ID by default.
     nodes : sequence of str
         The nodes of the graph, relative to the namespace.
 
@@ -52,12 +58,15 @@ class GraphConnection:
     Raises
     ------
     ClientError
-        By every method, if a node is missing, does not answer within the timeout, or refuses.
+        By every method, if a node is missing, does not answer within the timeout, or refuses; and for arguments that
+        are not allowed.
     """
 
     def __init__(self, namespace: str, timeout: float, domain_id: int | None, nodes: Sequence[str]) -> None:
-        self.timeout = timeout
-        self._nodes = tuple(nodes)
+        self.timeout = seconds("timeout", timeout)
+        self._nodes = texts("nodes", nodes, ClientError)
+        _check_namespace(namespace)
+        domain_id = checked_domain(domain_id)
         self._context = Context()
         middleware.configure()
         with interruptions.held_back():
@@ -89,6 +98,11 @@ class GraphConnection:
         """Leave the graph, within 5 s also if the middleware hangs."""
         self._leave()
 
+    def require_open(self) -> None:
+        """Raise ClientError after `close`."""
+        if not self._leave.alive:
+            raise ClientError("this client is closed; open another")
+
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
         """Wait until all nodes of the graph are available.
 
@@ -97,6 +111,7 @@ class GraphConnection:
         check : callable, optional
             Called while waiting; may raise an error, which ends the wait.
         """
+        self.require_open()
         for name in self._nodes:
             client = self.node.create_client(GetParameters, f"{name}/get_parameters")
 
@@ -126,7 +141,7 @@ class GraphConnection:
         ClientError
             If the condition does not hold in time.
         """
-        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+        deadline = time.monotonic() + (self.timeout if timeout is None else seconds("timeout", timeout))
         while not condition():
             if time.monotonic() > deadline:
                 raise ClientError(complaint)
@@ -140,6 +155,7 @@ class GraphConnection:
         set of str
             Their names, without the namespace.
         """
+        self.require_open()
         space = self.node.get_namespace()
         return {name for name, other in self.node.get_node_names_and_namespaces() if other == space}
 
@@ -151,6 +167,7 @@ class GraphConnection:
         timeout : float, optional
             Longest wait for it (s).
         """
+        self.require_open()
         with interruptions.held_back():
             self._executor.spin_once(timeout_sec=timeout)
 
@@ -192,12 +209,13 @@ class GraphConnection:
         ClientError
             If the node is missing or refuses the request, or a value does not fit its field.
         """
+        self.require_open()
+        wait = self.timeout if timeout is None else seconds("timeout", timeout)
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
         request = filled(service.Request, full_name, fields)
-        wait = self.timeout if timeout is None else timeout
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
         pending = PendingRequest(client, request, repeat_after)
         try:
@@ -246,6 +264,7 @@ class GraphConnection:
         ClientError
             If the action is missing, refuses the goal or fails, its node ends, or a value does not fit its field.
         """
+        self.require_open()
         if name not in self._clients:
             self._clients[name] = ActionClient(self.node, action, name)
             self._rejections[name] = RejectionListener(self.node, name)
@@ -287,6 +306,42 @@ class GraphConnection:
         except ClientError:
             return "the goal was rejected; see the log of its node"
         return str(heard.reason(goal))
+
+
+def seconds(name: str, value: float) -> float:
+    """A time to wait (s), 0 or more; ClientError for anything else."""
+    time_to_wait = number(name, value, ClientError)
+    if not time_to_wait >= 0.0:
+        raise refusal(name, value, "0 s or more", ClientError)
+    return time_to_wait
+
+
+def checked_domain(domain: int | None) -> int | None:
+    """A DDS domain, None for that of ROS_DOMAIN_ID; ClientError for one that ends the process.
+
+    Beyond the last domain, whose ports are the highest that there are, the middleware ends the process.
+    """
+    if domain is not None:
+        chosen = whole_number("domain_id", domain, ClientError)
+        if not 0 <= chosen <= LAST_DOMAIN:
+            raise refusal("domain_id", domain, f"0 to {LAST_DOMAIN}", ClientError)
+        return chosen
+    named = os.environ.get(DOMAIN, "")
+    if named and not (named.isdecimal() and int(named) <= LAST_DOMAIN):
+        raise refusal(DOMAIN, named, f"0 to {LAST_DOMAIN}", ClientError)
+    return None
+
+
+def _check_namespace(namespace: str) -> None:
+    """Raise ClientError for what is no namespace of nodes."""
+    try:
+        if not isinstance(namespace, str):
+            raise TypeError
+        validate_namespace("/" + namespace.removeprefix("/"))
+    except (TypeError, InvalidNamespaceException):
+        raise refusal(
+            "namespace", namespace, "letters, digits and _ between slashes, such as /amb", ClientError
+        ) from None
 
 
 def _leave(executor: Executor, node: Node, context: Context) -> None:

@@ -84,7 +84,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
     timeout : float, optional
         Longest wall-clock wait for a node to appear, to answer or, while running, to advance (s).
     domain_id : int, optional
-        DDS domain of the graph; ROS_DOMAIN_ID by default.
+        DDS domain of the graph, 0 to 232; ROS_DOMAIN_ID by default.
     nodes : sequence of str, optional
         The nodes of the graph, relative to the namespace; by default those of a simulation.
     """
@@ -189,6 +189,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
 
     def _require_simulator(self, service: str) -> None:
         """Wait for the node simulator; ClientError if the graph has a bridge to a rig instead."""
+        self.require_open()
 
         def simulator_runs() -> bool:
             names = self.node_names()

@@ -146,6 +146,7 @@ class RegionCalls(GraphConnection):
         return self._region if self._region is not None and self._region.run == self._run else None
 
     def _listen_to_regions(self) -> None:
+        self.require_open()
         if self._region_subscription is None:
             self._region_subscription = create_subscription(
                 self.node, RegionStateMessage, topics.REGION, self._on_region, HISTORY
