@@ -15,6 +15,8 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
+from amb_core.linear import LinearSystem
+from amb_core.loop.known_controller import LinearControl
 from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.msg import StateSpaceModel as StateSpaceModelMessage
 
@@ -99,6 +101,16 @@ def test_messages_carry_a_sample_time_and_a_number_of_samples_of_every_type(unit
     sent = serialize_message(fill_model(StateSpaceModelMessage(), model))
     message = deserialize_message(sent, StateSpaceModelMessage)
     assert (message.sample_time, message.samples) == (1.0, 5)
+
+
+@pytest.mark.parametrize("ending", ["json", "npz", "mat"])
+def test_files_keep_a_static_gain(tmp_path: Path, ending: str) -> None:
+    gain = 2e4 * np.eye(2)
+    law = LinearSystem(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), gain.tolist(), 1e-4)
+    static = LinearControl.of(law).model
+    static.save(tmp_path / f"static.{ending}")
+    assert_identical(StateSpaceModel.load(tmp_path / f"static.{ending}"), static)
+    assert np.array_equal(LinearControl.load(tmp_path / f"static.{ending}").model.d, gain)
 
 
 def test_units_are_those_of_the_bearing_where_none_are_given(unitless: StateSpaceModel) -> None:

@@ -26,7 +26,7 @@ def number(name: str, value: object, error: type[AmbError] = AmbError) -> float:
     """A number of Python or NumPy as a float; AmbError, or `error`, for anything else, texts and truth values too."""
     single = _of_python(value)
     try:
-        if isinstance(single, Real) and not isinstance(single, bool | np.timedelta64):
+        if not isinstance(single, bool | np.timedelta64) and isinstance(single, Real):
             return float(single)
     except OverflowError:
         pass
@@ -36,7 +36,7 @@ def number(name: str, value: object, error: type[AmbError] = AmbError) -> float:
 def whole_number(name: str, value: object, error: type[AmbError] = AmbError) -> int:
     """A whole number of Python or NumPy as an int; AmbError, or `error`, for anything else, such as 3.0."""
     single = _of_python(value)
-    if isinstance(single, Integral) and not isinstance(single, bool | np.timedelta64):
+    if not isinstance(single, bool | np.timedelta64) and isinstance(single, Integral):
         return int(single)
     raise refusal(name, value, "a whole number", error)
 
@@ -50,7 +50,7 @@ def numbers(name: str, values: Any, error: type[AmbError] = AmbError) -> NDArray
         Or `error`, if there is anything else: texts, times, complex numbers, rows of different lengths.
     """
     try:
-        array = np.asanyarray(values)
+        array: Any = np.asanyarray(values)
     except (ValueError, TypeError):  # rows of different lengths
         raise refusal(name, values, "an array of real numbers", error) from None
     objects = array.dtype.kind == "O" and all(map(_is_real, np.ma.getdata(array).flat))
@@ -90,4 +90,4 @@ def _of_python(value: object) -> object:
 
 
 def _is_real(value: object) -> bool:
-    return value is None or (isinstance(value, Real) and not isinstance(value, np.timedelta64))
+    return value is None or (not isinstance(value, np.timedelta64) and isinstance(value, Real))

@@ -76,7 +76,7 @@ class LinearSystem:
         output_units: Sequence[str] = (),
         state_names: Sequence[str] = (),
     ) -> None:
-        self.a, self.b, self.c, self.d = a, b, c, d
+        self.a, self.b, self.c, self.d = (np.asarray(matrix) for matrix in (a, b, c, d))
         self.sample_time = sample_time
         self.input_names, self.output_names = tuple(input_names), tuple(output_names)
         self.input_units, self.output_units = tuple(input_units), tuple(output_units)

@@ -23,7 +23,7 @@ from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables, save_variables
 from amb_core.ground.files.regular_files import MIB, is_folder, read_text
-from amb_core.ground.given_values import number, whole_number
+from amb_core.ground.given_values import number, path_of, whole_number
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
 
@@ -167,7 +167,7 @@ class StateSpaceModel(LinearSystem):
             present = ", ".join(sorted(content)) if isinstance(content, dict) else type(content).__name__
             raise IdentificationError(f"expected the fields {', '.join(sorted(names))}; found {present}")
         try:
-            return cls(**(content | {"fit": [float(value) for value in content["fit"]]}))
+            return cls(**(content | _without_states(content) | {"fit": [float(value) for value in content["fit"]]}))
         except (TypeError, ValueError) as problem:
             raise IdentificationError(str(problem)) from None
 
@@ -184,7 +184,7 @@ class StateSpaceModel(LinearSystem):
         IdentificationError
             If the file name extension is not supported, or the file cannot be written.
         """
-        path = Path(path)
+        path = path_of("path", path, IdentificationError)
         values = {item.name: getattr(self, item.name) for item in fields(self)}
         try:
             ending = _ending(path)
@@ -218,7 +218,7 @@ class StateSpaceModel(LinearSystem):
         IdentificationError
             If the file cannot be read or does not contain a model.
         """
-        path = Path(path)
+        path = path_of("path", path, IdentificationError)
         if is_folder(path):
             path /= IN_FOLDER
         ending = _ending(path)
@@ -238,19 +238,8 @@ class StateSpaceModel(LinearSystem):
             raise IdentificationError(f"model {path}: {problem}") from None
 
     def _check(self) -> None:
-        n, m, p = len(self.a), len(self.input_names), len(self.output_names)
-        shapes = {
-            "a": (n, n),
-            "b": (n, m),
-            "c": (p, n),
-            "d": (p, m),
-            "k": (n, p),
-            "innovation_covariance": (p, p),
-            "input_offset": (m,),
-            "output_offset": (p,),
-            "initial_state": (n,),
-        }
-        for name, shape in shapes.items():
+        n, m, p = len(np.atleast_1d(self.a)), len(self.input_names), len(self.output_names)
+        for name, shape in _shapes(n, m, p).items():
             array = getattr(self, name)
             if array.shape != shape:
                 raise IdentificationError(
@@ -270,6 +259,29 @@ class StateSpaceModel(LinearSystem):
             raise IdentificationError(f"'undecided' = {self.undecided} is not allowed; one text or none is needed")
         if not (math.isfinite(self.sample_time) and self.sample_time > 0.0):
             raise IdentificationError(f"'sample_time' = {self.sample_time!r} s is not allowed; it must be positive")
+
+
+def _shapes(n: int, m: int, p: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of the arrays of a model with n states, m inputs and p outputs."""
+    return {
+        "a": (n, n),
+        "b": (n, m),
+        "c": (p, n),
+        "d": (p, m),
+        "k": (n, p),
+        "innovation_covariance": (p, p),
+        "input_offset": (m,),
+        "output_offset": (p,),
+        "initial_state": (n,),
+    }
+
+
+def _without_states(content: dict[str, Any]) -> dict[str, Any]:
+    """The matrices of a model without states, whose columns a list does not keep; nothing for a model with states."""
+    if np.size(content["a"]):
+        return {}
+    shapes = _shapes(0, len(content["input_names"]), len(content["output_names"]))
+    return {name: np.zeros(shape) for name, shape in shapes.items() if 0 in shape and not np.size(content[name])}
 
 
 def _ending(path: Path) -> str:
