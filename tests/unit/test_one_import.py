@@ -100,6 +100,37 @@ def test_other_data_are_one_clear_error(identification, wrong: object) -> None:
             call()
 
 
+def test_a_response_is_estimated_from_what_identify_takes(loop: RecordedLoop, record: LoopRecord) -> None:
+    expected = amb.estimate_response(loop.data).response.response
+    for data in (loop, record):
+        assert np.array_equal(amb.estimate_response(data).response.response, expected)
+    with pytest.raises(IdentificationError, match=r"^data: ndarray of shape \(3, 2\) is not allowed"):
+        amb.estimate_response(np.ones((3, 2)))
+
+
+def test_the_response_of_an_identification_is_that_of_its_model(identification) -> None:
+    frequencies = [10.0, 100.0]
+    expected = amb.response_of(identification.model, frequencies).response
+    assert np.array_equal(amb.response_of(identification, frequencies).response, expected)
+    with pytest.raises(IdentificationError, match=r"^model: str is not allowed; allowed: the result of identify"):
+        amb.response_of("model.json", frequencies)
+    with pytest.raises(IdentificationError, match=r"^frequencies: str is not allowed"):
+        amb.response_of(identification, "a")
+
+
+@pytest.mark.parametrize("path", [None, 3, b"first.csv", np.ones(2)])
+def test_what_is_no_path_is_one_clear_error(path: object) -> None:
+    for call in (amb.read, amb.StateSpaceModel.load):
+        with pytest.raises(IdentificationError, match=r"^path = .* is not allowed; allowed: a path$"):
+            call(path)
+
+
+def test_models_to_compare_have_names(identification, loop: RecordedLoop) -> None:
+    for models in ([identification, identification], identification.model, "model.json"):
+        with pytest.raises(IdentificationError, match=r"^models: \w+ is not allowed; allowed: models by name"):
+            amb.compare(models, loop)
+
+
 def test_another_model_is_one_clear_error(loop: RecordedLoop) -> None:
     for call in (amb.validate, lambda model, data: amb.certify(model, ControllerParameters(), data)):
         with pytest.raises(IdentificationError, match=r"^model: ndarray of shape \(2, 2\) is not allowed; allowed: "):

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from amb_bringup.client.region_calls import RegionCalls
 from amb_bringup.client.request_fields import absolute, known_settings
 from amb_bringup.client.rig import Rig
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NODES
+from amb_core.ground.given_values import whole_number
 from amb_msgs.msg import SimulatorState
 from amb_msgs.srv import (
     Pause,
@@ -161,8 +161,8 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         ClientError
             If `steps` is below 1, the plant fails, or the simulator is paused before the end or does not advance.
         """
-        if isinstance(steps, bool) or not isinstance(steps, Integral) or steps < 1:
-            raise ClientError(f"steps = {steps!r} is not allowed; allowed: a whole number, 1 or more")
+        if whole_number("steps", steps, ClientError) < 1:
+            raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
         self._require_simulator("simulator/run")
         started = self.call(RunSteps, "simulator/run", steps=steps)
         seen_step, deadline = -1, 0.0

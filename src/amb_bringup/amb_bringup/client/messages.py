@@ -103,7 +103,7 @@ def _of_python(value: Any) -> Any:
 
 def _whole(value: Any, least: int, most: int) -> int:
     number = _of_python(value)
-    if isinstance(number, bool) or not isinstance(number, Integral) or not least <= number <= most:
+    if isinstance(number, bool) or not isinstance(number, Integral) or not least <= int(number) <= most:
         raise ValueError
     return int(number)
 

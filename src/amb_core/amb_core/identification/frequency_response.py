@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import numbers
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.resolvent import outputs_by_state, parts_of, states_by_input
 
@@ -134,13 +136,21 @@ class FrequencyResponse:
         object.__setattr__(self, name, array)
 
 
-def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
+class HasModel(Protocol):
+    """What has a model, such as the result of an identification."""
+
+    @property
+    def model(self) -> StateSpaceModel:
+        """The model."""
+
+
+def response_of(model: StateSpaceModel | HasModel, frequencies: ArrayLike, label: str = "") -> FrequencyResponse:
     """The frequency response of a model, C (z I - A)^-1 B + D at z = exp(2 pi i f T); it may be unstable.
 
     Parameters
     ----------
-    model : StateSpaceModel
-        The model.
+    model : StateSpaceModel or Identification
+        The model, or the result of `identify`.
     frequencies : array_like, shape (f,)
         Frequencies (Hz), ascending, from 0 to half the sample rate.
     label : str, optional
@@ -154,8 +164,14 @@ def response_of(model: StateSpaceModel, frequencies: ArrayLike, label: str = "")
     Raises
     ------
     IdentificationError
-        If a frequency is not allowed, or the model has a pole at it.
+        If a frequency is not allowed, or the model has a pole at it; or it is no model.
     """
+    given, model = model, getattr(model, "model", model)
+    if not isinstance(model, StateSpaceModel):
+        raise IdentificationError(
+            f"model: {type(given).__name__} is not allowed; allowed: the result of identify, or a StateSpaceModel; "
+            "files: StateSpaceModel.load(path)"
+        )
     frequency = checked_frequencies(frequencies, model.sample_time)
     response = model.response(frequency)
     at_pole = ~np.isfinite(response).all(axis=(1, 2))
@@ -204,7 +220,7 @@ def checked_frequencies(frequencies: ArrayLike, sample_time: float = 0.0) -> NDA
     IdentificationError
         If there is none, or they do not ascend, are negative or above the Nyquist frequency.
     """
-    frequency = np.array(frequencies, dtype=np.float64)
+    frequency = np.array(numbers("frequencies", frequencies, IdentificationError))
     if frequency.ndim != 1 or not len(frequency) or not np.all(np.isfinite(frequency)):
         raise IdentificationError(f"frequencies must be a row of finite numbers, not of shape {frequency.shape}")
     if frequency[0] < 0.0 or np.any(np.diff(frequency) <= 0.0):

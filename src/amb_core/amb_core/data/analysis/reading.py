@@ -27,6 +27,7 @@ from amb_core.data.tables import ENDINGS, load_content, tables_of
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.regular_files import is_folder
+from amb_core.ground.given_values import path_of
 from amb_core.loop.known_controller import KnownController, LinearControl, limited
 from amb_core.recording import Recording
 
@@ -66,7 +67,7 @@ def read(
     BagError, IdentificationError, ParameterError
         If the data cannot be read, or leave a question; the message names the option that answers it.
     """
-    path, known = Path(path), _description(description, values)
+    path, known = path_of("path", path, IdentificationError), _description(description, values)
     recording = _bag_at(path, None if first_step < 0 or not steps else (run, first_step, steps))
     if recording is not None and _as_it_is(recording, known):
         recording.clearance = known.clearance
@@ -103,7 +104,7 @@ def read_recording(
     AmbError
         As for `read`.
     """
-    path, known = Path(path), _description(description, values)
+    path, known = path_of("path", path, IdentificationError), _description(description, values)
     recording, described = _bag_at(path), None
     if recording is None or not _as_it_is(recording, known):
         data, described = _data(path, recording, known)

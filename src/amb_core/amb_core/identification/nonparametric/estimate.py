@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification.frequency_response import FrequencyResponse
+from amb_core.identification.given import Data, given_loop
 from amb_core.identification.nonparametric.bands import over_bands
 from amb_core.identification.nonparametric.by_references import ByReferences, Complex, Signals
 from amb_core.identification.nonparametric.periods import over_periods
@@ -90,15 +91,13 @@ class NonparametricEstimate:
         return self.free_terms * float((1.0 - level) ** (-1.0 / self.free_terms) - 1.0)
 
 
-def estimate_response(
-    data: IdentificationData, period: int | None = None, *, open_loop: bool = False
-) -> NonparametricEstimate:
+def estimate_response(data: Data, period: int | None = None, *, open_loop: bool = False) -> NonparametricEstimate:
     """Estimate the plant's frequency response from the reference or, in open loop, from the inputs.
 
     Parameters
     ----------
-    data : IdentificationData
-        Experiments; those without reference are only used in open loop.
+    data : LoopRecord, IdentificationData or RecordedLoop
+        Experiments, as for `identify`; those without reference are only used in open loop.
     period : int, optional
         Period of the reference (samples); by default it is found in the data, if there is one.
     open_loop : bool, optional
@@ -114,6 +113,7 @@ def estimate_response(
     IdentificationError
         If no experiment has a reference, all are too short, or the references cannot separate the inputs.
     """
+    data = given_loop(data).data
     experiments = _signals(data, open_loop)
     if not experiments:
         raise IdentificationError(f"the experiments are too short; {_FEWEST_STEPS} samples of one are needed")

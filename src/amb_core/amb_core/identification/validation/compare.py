@@ -60,8 +60,12 @@ def compare(models: Mapping[str, Model], data: Data, controller: Controller | No
     Raises
     ------
     IdentificationError
-        If none of the models can be validated, with the reason of the first.
+        If none of the models can be validated, with the reasons; or they have no names.
     """
+    if not isinstance(models, Mapping):
+        raise IdentificationError(
+            f"models: {type(models).__name__} is not allowed; allowed: models by name, such as {{'first': model}}"
+        )
     loop = given_loop(data)
     validations, refused = {}, {}
     for name, model in models.items():
