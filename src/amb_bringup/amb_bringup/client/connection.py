@@ -99,7 +99,13 @@ class GraphConnection:
         self._leave()
 
     def require_open(self) -> None:
-        """Raise ClientError after `close`."""
+        """Refuse to go on after `close`.
+
+        Raises
+        ------
+        ClientError
+            If the client is closed.
+        """
         if not self._leave.alive:
             raise ClientError("this client is closed; open another")
 

@@ -57,9 +57,7 @@ def numbers(name: str, values: Any, error: type[AmbError] = AmbError) -> NDArray
     if array.ndim == 0 or not (objects or array.dtype.kind in "biuf"):
         what = f"an array of {array.dtype}" if array.ndim else type(values).__name__
         raise error(f"{name}: {what} is not allowed; allowed: an array of real numbers")
-    if isinstance(array, np.ma.MaskedArray):
-        return np.asarray(array.astype(np.float64).filled(np.nan))
-    return np.asarray(array, dtype=np.float64)
+    return np.asarray(np.ma.filled(array.astype(np.float64), np.nan))
 
 
 def texts(name: str, values: Any, error: type[AmbError] = AmbError) -> tuple[str, ...]:
