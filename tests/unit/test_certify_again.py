@@ -125,3 +125,11 @@ def test_a_controller_is_made_again_from_its_gains_without_loss() -> None:
     values["model"]["d"][0][0] *= 1.01
     with pytest.raises(AmbError, match="not those of its SHA-256"):
         controller_from(values)
+
+
+def test_no_pdf_of_another_certificate_stays_beside_a_new_one(copied: Path) -> None:
+    (copied / "certificate.pdf").write_bytes(b"Certified. To be signed.")
+    (copied / "certificate.html").unlink()
+    certificate = certify_again(copied / "certificate.json").certificate
+    write_certificate(certificate, copied)
+    assert not (copied / "certificate.pdf").exists()

@@ -123,3 +123,17 @@ def test_missing_image_and_unwritable_file_are_told(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(AmbError, match="cannot be written"):
         write_report(Report("A", "", [], []), tmp_path / "file" / "index.html")
+
+
+def test_a_page_written_anew_removes_the_pdf_of_the_page_before_and_no_other(tmp_path: Path) -> None:
+    page, printed = tmp_path / "report.html", tmp_path / "report.pdf"
+    printed.write_bytes(b"of another program")
+    write_report(Report("A", "", [], []), page)
+    assert printed.exists()
+    write_report(Report("B", "", [], []), page)
+    assert not printed.exists()
+
+
+def test_names_of_files_that_are_not_utf_8_stand_in_a_page_as_escapes(tmp_path: Path) -> None:
+    write_report(Report("Bag b\udcffg", "", [], []), tmp_path / "page.html")
+    assert r"Bag b\udcffg" in (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -50,17 +50,24 @@ def certificate_report(certificate: Certificate, title: str = "Robustness certif
 def write_certificate(certificate: Certificate, folder: str | Path) -> Path:
     """Write certificate.html and certificate.json into a folder, which is made; returns the page.
 
+    A certificate.pdf of before is removed: it may say the contrary.
+
     Raises
     ------
     AmbError
         If they cannot be written.
     """
     page = Path(folder) / "certificate.html"
+    values, printed = page.with_suffix(".json"), page.with_suffix(".pdf")
+    try:
+        printed.unlink(missing_ok=True)
+    except OSError as problem:
+        raise AmbError(f"{printed}: of another certificate, and cannot be removed: {problem.strerror}") from None
     write_report(certificate_report(certificate), page)
     try:
-        page.with_suffix(".json").write_text(certificate_json(certificate))
+        values.write_text(certificate_json(certificate), encoding="utf-8")
     except OSError as problem:
-        raise AmbError(f"{page.with_suffix('.json')}: cannot be written: {problem.strerror}") from None
+        raise AmbError(f"{values}: cannot be written: {problem.strerror}") from None
     return page
 
 

@@ -24,6 +24,7 @@ def write_report(report: Report, path: str | Path) -> None:
     """Write a report as an HTML file that holds all it needs.
 
     Its content security policy forbids it to load anything from anywhere, so it neither needs nor asks for a network.
+    A PDF that was printed of the page that it replaces is removed, so that no two tell different things.
 
     Parameters
     ----------
@@ -62,9 +63,13 @@ def write_report(report: Report, path: str | Path) -> None:
         script=Markup(get_plotlyjs()),
         page_script=Markup(DRAWING + (folder / "page.js").read_text(encoding="utf-8")),
     )
+    target = Path(path)
     try:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(page, encoding="utf-8")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if target.exists():
+            target.with_suffix(".pdf").unlink(missing_ok=True)
+        # names of files need not be UTF-8
+        target.write_text(page, encoding="utf-8", errors="backslashreplace")
     except OSError as problem:
         raise AmbError(f"report {path}: cannot be written: {problem.strerror}") from None
 
