@@ -297,6 +297,13 @@ def test_the_code_of_an_fmu_compiles_without_a_warning(tmp_path: Path) -> None:
     subprocess.run([*STRICT, "-c", *(path.name for path in folder.glob("*.c"))], cwd=folder, check=True)
 
 
+@pytest.mark.parametrize("label", ["plant_check", "ex\udcff", "a\x01"])
+def test_an_fmu_of_any_name_loads(label: str, tmp_path: Path) -> None:
+    write_fmu(MODELS["bearing"], tmp_path / "plant.fmu", label)
+    unit = Unit(tmp_path / "plant.fmu", tmp_path / "unpacked")
+    assert unit.instance().handle
+
+
 def test_the_same_model_gives_the_same_fmu(tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
@@ -327,6 +334,14 @@ def test_the_script_for_python_makes_the_same_system(model: StateSpaceModel, tmp
     assert made["plant"].dt == model.sample_time
     assert made["plant"].input_labels == list(model.input_names)
     assert made["output_offset"].tobytes() == model.output_offset.tobytes()
+
+
+def test_the_script_for_python_runs_with_names_that_have_dots(tmp_path: Path) -> None:
+    model = drawn(3, 1, 2, input_names=("i.x", "i_x", "i.x_"))
+    (tmp_path / "model.py").write_text(python_text(model))
+    made = runpy.run_path(str(tmp_path / "model.py"))
+    assert made["input_names"] == ["i.x", "i_x", "i.x_"]
+    assert made["plant"].input_labels == model.to_control().input_labels == ["i_x_", "i_x", "i_x__"]
 
 
 def test_the_numbers_for_julia_are_read_back_bit_for_bit(model: StateSpaceModel) -> None:

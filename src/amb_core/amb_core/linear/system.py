@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from amb_core.ground.extras import extra
+from amb_core.linear.control_names import control_names
 from amb_core.linear.resolvent import Arrays, Complexes, response, response_and_slope
 
 if TYPE_CHECKING:
@@ -313,13 +314,13 @@ class LinearSystem:
         Returns
         -------
         control.StateSpace
-            The same matrices, sample time and names of signals.
+            The same matrices, sample time and names of signals, with underscores for dots, which it refuses.
         """
         with extra("control"):
             import control  # the import takes a second; programs that do not need it should not wait for it
 
         signals = {"inputs": self.input_names, "outputs": self.output_names, "states": self.state_names}
-        given = {kind: list(value) for kind, value in signals.items() if value}
+        given = {kind: control_names(value) for kind, value in signals.items() if value}
         return control.StateSpace(self.a, self.b, self.c, self.d, self.sample_time, **given, **names)
 
     @classmethod

@@ -14,10 +14,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.plain_text import plain_text
 from amb_core.linear.model import StateSpaceModel
 from amb_core.recording.export.model_texts import c_texts, identifier, rendered, title_of
 
-COMPILER = ("gcc", "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared")
+COMPILER = ("gcc", "-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-shared", "-Wl,-z,defs")
 BASE_UNITS = {
     "A": 'A="1"', "m": 'm="1"', "s": 's="1"', "kg": 'kg="1"', "N": 'kg="1" m="1" s="-2"', "rad": 'rad="1"',
     "V": 'kg="1" m="2" s="-3" A="-1"', "m/s": 'm="1" s="-1"', "rad/s": 'rad="1" s="-1"', "Pa": 'kg="1" m="-1" s="-2"',
@@ -49,12 +50,12 @@ def write_fmu(model: StateSpaceModel, path: Path, label: str = "") -> None:
     label = label or path.stem
     name = identifier(label)
     _require_different(model)
-    texts = {file: text for file, text in c_texts(model, name).items() if not file.endswith("_check.c")}
+    texts = {file: text for file, text in c_texts(model, name).items() if file != f"{name}_check.c"}
     guid = "{" + str(uuid.uuid5(uuid.NAMESPACE_OID, "".join(texts.values()))) + "}"
     offsets = [repr(value) for value in model.input_offset.tolist()]
     values = {"name": name, "NAME": name.upper(), "title": title_of(model), "guid": guid, "input_offset": offsets}
     texts[f"{name}_fmu.c"] = rendered("fmu.c.j2", values)
-    content = {"modelDescription.xml": _description(model, values | {"label": label}).encode()}
+    content = {"modelDescription.xml": plain_text(_description(model, values | {"label": label})).encode()}
     content |= {f"sources/{file}": text.encode() for file, text in texts.items()}
     content[f"binaries/linux64/{name}.so"] = _library(name, texts)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

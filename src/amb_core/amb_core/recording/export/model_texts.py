@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.extras import extra
+from amb_core.linear.control_names import control_names
 from amb_core.linear.model import StateSpaceModel
 
 with extra("files"):
@@ -169,9 +170,17 @@ def _values(model: StateSpaceModel, name: str) -> dict[str, Any]:
         "matrices": [(label, *array.shape, _rows(array)) for label, array in matrices.items()],
         "input_offset": _numbers(model.input_offset),
         "output_offset": _numbers(model.output_offset),
+        "control_inputs": _control_names("input_names", model.input_names),
+        "control_outputs": _control_names("output_names", model.output_names),
         **{key: repr(list(value)) for key, value in texts.items()},
         **{f"{key}_julia": _julia_texts(value) for key, value in texts.items()},
     }
+
+
+def _control_names(variable: str, names: tuple[str, ...]) -> str:
+    """What python-control is given as names: the variable of the script that holds them where it takes those."""
+    taken = control_names(names)
+    return variable if taken == list(names) else repr(taken)
 
 
 def _described(names: tuple[str, ...], units: tuple[str, ...]) -> str:
