@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,20 @@ def test_matlab_gets_columns_with_names_and_units(tmp_path: Path) -> None:
     assert content["Ts"].item() == 1e-4
     assert [name.item() for name in content["names"].ravel()] == ["time", "x", "y"]
     assert [name.item() for name in content["units"].ravel()] == ["s", "m", "m"]
+
+
+@pytest.mark.parametrize("axis", ["run", "Ts", "names", "units"])
+def test_no_column_for_matlab_has_the_name_of_another_variable(axis: str, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", replace(samples(1), axes=(axis,)), whole(1000))
+    with pytest.raises(BagError, match=f"column '{axis}' has the name of another variable"):
+        export(bag, tmp_path / "run.mat")
+
+
+def test_names_with_commas_and_quotes_are_quoted_in_a_csv_file(tmp_path: Path) -> None:
+    record = replace(samples(), axes=("a,b", 'c"d'))
+    table = read(export(write_bag(tmp_path / "bag", record, whole(1000)), tmp_path / "run.csv"), NO_LOOP).data
+    assert table.output_names == record.axes
+    assert table.experiments[0].outputs.tobytes() == record.position.tobytes()
 
 
 # -- PlotJuggler and Foxglove

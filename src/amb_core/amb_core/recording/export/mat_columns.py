@@ -52,7 +52,7 @@ def write_mat_columns(
     Raises
     ------
     BagError
-        If there are more rows than a variable can have, or a name is not allowed in MATLAB.
+        If there are more rows than a variable can have, or a name is not allowed in MATLAB or there twice.
     OSError
         If the file cannot be written.
     """
@@ -61,6 +61,8 @@ def write_mat_columns(
     for name in names:
         if not name.isascii() or not name.isidentifier() or name.startswith("_") or len(name) > LONGEST_NAME:
             raise BagError(f"column {name!r} cannot be a variable in MATLAB; export as .csv or .parquet")
+        if name in numbers or name in texts:
+            raise BagError(f"column {name!r} has the name of another variable of the file; export as .csv or .parquet")
     save_variables(path, {**numbers, **{name: cell(values) for name, values in texts.items()}})
     with path.open("r+b") as file:
         places = []

@@ -5,6 +5,8 @@ Rows are written batch after batch, so memory use does not depend on their numbe
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Collection
 from pathlib import Path
 
@@ -40,12 +42,14 @@ def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = 
 def _write_csv(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
     with extra("files"):
         import pyarrow as pa
-        from pyarrow import csv
+        from pyarrow import csv as pa_csv
 
     schema = pa.schema([(name.heading, pa.float64()) for name in names])
     with path.open("wb") as file:
-        file.write((",".join(name.heading for name in names) + "\n").encode())
-        with csv.CSVWriter(file, schema, write_options=csv.WriteOptions(include_header=False)) as writer:
+        heading = io.StringIO()
+        csv.writer(heading, lineterminator="\n").writerow(name.heading for name in names)  # quoted where need be
+        file.write(heading.getvalue().encode())
+        with pa_csv.CSVWriter(file, schema, write_options=pa_csv.WriteOptions(include_header=False)) as writer:
             for record in telemetry.batches():
                 writer.write_batch(pa.record_batch(list(column_values(record, signals)), schema=schema))
 
