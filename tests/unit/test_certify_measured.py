@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from amb_core.data.experiments import detrend
 from amb_core.identification import Identification, IdentificationData, identify
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_from_data
 from amb_core.robustness.certificate import Certificate
 from amb_core.robustness.checks import MEASURED, NOT_RUN, Check, was_measured_check
+from amb_core.robustness.displacement import largest_displacements
 
 LAW, OTHER = ControllerParameters(), ControllerParameters(proportional_gain=25_000.0)
 SETTINGS = RobustnessSettings(frequencies=60.0, mode_gain=0.02)
@@ -85,6 +87,19 @@ def test_data_of_the_identification_measure_it_where_those_of_the_validation_are
     assert measured_of(certificate).passed
 
 
+def test_no_data_measure_a_loop_with_an_extra_delay(data, identification) -> None:
+    loop = Recorded(data, LAW)
+    late = SETTINGS.model_copy(update={"extra_delay": 1.0})
+    certificate = certify_from_data(
+        identification, LAW, loop, settings=late, swept=loop, uncertainty=identification.uncertainty
+    )
+    assert measured_of(certificate).finding == "no data are of a loop with the extra delay of 1 steps"
+    assert certificate.measured is None and not certificate.certified
+    assert any(
+        "the swept sine is left out: it is of a loop without the extra delay" in text for text in certificate.warnings
+    )
+
+
 def test_without_data_of_the_loop_the_certificate_says_so(identification) -> None:
     check = measured_of(certify(identification.model, LAW, settings=SETTINGS))
     assert (check.passed, check.finding) == (False, NOT_RUN)
@@ -119,6 +134,18 @@ def test_displacement_counts_in_all_data_over_the_clearance_of_each_axis(data, i
     of_both = certify_from_data(identification, LAW, Recorded(data, LAW, near), Recorded(quiet, LAW), settings=SETTINGS)
     assert of_both.displacement is not None
     assert max(of_both.displacement.values()) == "D"
+
+
+def test_displacement_counts_from_the_middle_as_a_radius() -> None:
+    plant = PlantParameters()
+    sagging = np.tile([3e-5, -4e-5], (100, 1))
+    loop = IdentificationData.from_arrays(
+        sagging, sagging, 1e-4, input_names=["i_x", "i_y"], output_names=["x", "y"],
+        input_units=["A", "A"], output_units=["m", "m"],
+    )  # fmt: skip
+    share = pytest.approx(5e-5 / plant.rotor.backup_bearing_radius)
+    for given in (loop, detrend(loop)):
+        assert largest_displacements([Recorded(given, LAW, plant)]) == {"x": share, "y": share}
 
 
 def test_what_is_not_known_of_displacement_and_operation_is_said(plain) -> None:

@@ -183,7 +183,7 @@ def displacement_check(zones: Mapping[str, Zone], settings: RobustnessSettings) 
     return Check(
         f"zone {settings.needed_zone} or better after ISO 14839-2",
         ZONES.index(zones[worst]) <= ZONES.index(settings.needed_zone),
-        f"displacement of axis {worst} over the clearance: zone {zones[worst]}",
+        f"displacement at axis {worst} from the middle over the clearance: zone {zones[worst]}",
     )
 
 

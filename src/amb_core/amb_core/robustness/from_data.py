@@ -33,9 +33,9 @@ from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.plant.machine import machine_of
 from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.checks import NOT_RUN
+from amb_core.robustness.displacement import largest_displacements
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
@@ -115,11 +115,14 @@ def certify_from_data(
             noise = np.sqrt(np.diag(model.innovation_covariance))
             known = replace(model, fingerprint=fingerprint_of(identified_from.data, noise))
         validation = validate(known, judged.data, judged.controller, uncertainty=uncertainty)
-    displacement, clearances = _displacement((judged, identified_from, swept))
+    loops = [loop for loop in (judged, identified_from, swept) if loop is not None]
+    displacement = largest_displacements(loops)
     if swept is not None:
         progress("swept sine")
-    measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law)
-    remarks += clearances
+    extra_delay = (settings or RobustnessSettings()).extra_delay
+    measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law, extra_delay)
+    if loops and not displacement:
+        remarks += ("the zone after ISO 14839-2 is not known: the data come without the clearance of the bearing",)
     progress("margins, worst cases and bounds")
     certificate = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
@@ -187,10 +190,18 @@ def require_fitting(model: StateSpaceModel, law: KnownController, settings: Robu
 
 
 def _measured_by(
-    swept: Recorded | None, others: Sequence[Recorded | None], feedback: Feedback, law: KnownController
+    swept: Recorded | None,
+    others: Sequence[Recorded | None],
+    feedback: Feedback,
+    law: KnownController,
+    extra_delay: float,
 ) -> tuple[MeasuredSensitivity | None, str, tuple[str, ...]]:
     """The sensitivity that a swept sine shows, else other data of this controller; why there is none; remarks."""
     remarks: tuple[str, ...] = ()
+    if extra_delay:  # no data have it: it comes in addition to theirs
+        if swept is not None:
+            remarks = ("the swept sine is left out: it is of a loop without the extra delay",)
+        return None, f"no data are of a loop with the extra delay of {extra_delay:g} steps", remarks
     why_not = NOT_RUN
     if swept is not None:
         foreign = _not_run_by(swept, law)
@@ -224,22 +235,3 @@ def _not_run_by(loop: Recorded, law: KnownController) -> str:
         return NOT_RUN
     finding = check_controller(loop.data, law)
     return finding.text if finding.severity is Severity.WARNING else ""
-
-
-def _displacement(loops: Sequence[Recorded | None]) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Largest displacement over clearance of each axis in all data of a plant that is known; a remark without one."""
-    largest: dict[str, float] = {}
-    given = [loop for loop in loops if loop is not None]
-    for loop in given:
-        if loop.plant is None:
-            continue
-        machine = machine_of(loop.plant)
-        of_bearing = {bearing.name: bearing.clearance for bearing in machine.bearings}
-        clearance = {axis.name: of_bearing[axis.bearing] for axis in machine.axes}
-        for number, name in enumerate(loop.data.output_names):
-            moved = max(float(np.abs(item.outputs[:, number]).max()) for item in loop.data.experiments)
-            share = moved / clearance.get(name, loop.plant.rotor.backup_bearing_radius)
-            largest[name] = max(largest.get(name, 0.0), share)
-    if given and not largest:
-        return {}, ("the zone after ISO 14839-2 is not known: the data come without the clearance of the bearing",)
-    return largest, ()
