@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -53,6 +54,33 @@ def test_missing_samples_leave_a_gap_of_their_length() -> None:
     assert np.isnan(pyramid.since(0, 0).high[:, 0]).tolist() == [False, False, True, True, True, False, False]
     pyramid.skip(10**15)  # of a message with any step number
     assert np.isnan(pyramid.since(0, 0).high).all()
+
+
+@pytest.mark.parametrize("steps", [1, 5, 7, 38, 40, 390, 1999])
+@pytest.mark.parametrize("before", [0, 3, 41, 399])
+def test_a_gap_is_that_of_samples_that_are_missing_on_every_level(steps: int, before: int) -> None:
+    skipped, added = (ColumnPyramid(2, (2, 10, 40), kept=50) for _ in range(2))
+    samples = np.random.default_rng(1).normal(size=(before + 100, 2))
+    for pyramid in (skipped, added):
+        pyramid.add(samples[:before])
+    skipped.skip(steps)
+    added.add(np.full((steps, 2), np.nan))
+    for pyramid in (skipped, added):
+        pyramid.add(samples[before:])
+    for level in range(3):
+        assert skipped.end(level) == added.end(level)
+        for side in ("low", "high"):
+            np.testing.assert_array_equal(getattr(skipped.since(level, 0), side), getattr(added.since(level, 0), side))
+
+
+def test_a_long_gap_takes_no_memory_of_its_samples() -> None:
+    pyramid = ColumnPyramid(15, (20, 100, 400, 2_000, 12_000), kept=550)
+    tracemalloc.start()
+    pyramid.skip(10**8)
+    largest = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert largest < 1_000_000
+    assert pyramid.end(4) == 550
 
 
 def test_widths_that_do_not_divide_each_other_are_refused() -> None:
@@ -126,6 +154,15 @@ def test_a_new_run_starts_a_new_display_and_old_blocks_do_not() -> None:
     assert (display.epoch, display.step, display.lost) == (epoch, 250, 50)
     display.add(2, block(0, np.zeros((100, 2))), 0.0)
     assert (display.epoch, display.step, display.lost) == (epoch + 1, 100, 0)
+
+
+def test_a_spectrum_of_before_is_taken_back_where_samples_are_lost() -> None:
+    display = SampleDisplay()
+    assert display.spectrum() is None
+    display.add(1, block(0, np.zeros((10_000, 2))), 0.0)
+    assert struct.unpack_from("<4I", display.spectrum())[2] == len(display.layout()["frequency"])
+    display.add(1, block(10_100, np.zeros((100, 2))), 0.0)
+    assert struct.unpack("<4I", display.spectrum()) == (2, display.epoch, 0, 2)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])

@@ -162,12 +162,14 @@ class SampleDisplay:
         return b"".join([header, _floats(columns.low), _floats(columns.high), _floats(points)])
 
     def spectrum(self) -> bytes | None:
-        """The spectrum of the positions, None until there are enough samples.
+        """The spectrum of the positions, without points until there are enough samples; None before the first one.
 
         A header of four uint32 (kind, epoch, points, axes), then peak amplitudes as float32, by point (m).
         """
-        if not self.axes or not self._spectrum.ready:
+        if not self.axes:
             return None
+        if not self._spectrum.ready:  # also after samples were lost, where the spectrum of before is no longer true
+            return _SPECTRUM_HEADER.pack(SPECTRUM, self.epoch, 0, len(self.axes))
         amplitude = self._spectrum.amplitude()
         return _SPECTRUM_HEADER.pack(SPECTRUM, self.epoch, *amplitude.shape) + _floats(amplitude)
 

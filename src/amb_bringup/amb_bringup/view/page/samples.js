@@ -15,6 +15,7 @@ export class Samples {
     this.layout = layout;
     this.signals = layout.axes.length * (layout.signals || []).length;
     this.spectrum = null;
+    this.spectrumIsNew = true; // that of the layout before is drawn no longer
     this.clearColumns();
     const points = layout.axes.length ? layout.orbitPoints : 0;
     this.points = new Float32Array(points * (layout.planes || []).length * 2).fill(NaN);
@@ -33,8 +34,9 @@ export class Samples {
     const word = (index) => view.getUint32(4 * index, true);
     if (word(1) !== this.layout.epoch) return false;
     if (word(0) === SPECTRUM) {
-      this.spectrum = new Float32Array(view.buffer, SPECTRUM_HEADER);
-      this.spectrumIsNew = true;
+      const none = word(2) === 0; // samples are being collected, which need be drawn once only
+      if (!none || this.spectrum) this.spectrumIsNew = true;
+      this.spectrum = none ? null : new Float32Array(view.buffer, SPECTRUM_HEADER);
       return true;
     }
     if (word(0) !== FRAME) return false;

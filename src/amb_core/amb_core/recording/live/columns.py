@@ -71,7 +71,9 @@ class ColumnPyramid:
                 return
 
     def skip(self, steps: int) -> None:
-        """Leave a gap of so many missing samples; one longer than all that is kept costs no more than that.
+        """Leave a gap of so many missing samples; one longer than all that is kept is taken as that long.
+
+        A long gap costs no more than a short one: its samples are not made.
 
         Parameters
         ----------
@@ -79,8 +81,10 @@ class ColumnPyramid:
             Number of missing samples.
         """
         longest = self.widths[-1] * self._levels[-1].kept
-        if steps > 0:
-            self.add(np.full((min(steps, longest), self._levels[0].signals), np.nan))
+        low = high = np.empty((0, self._levels[0].signals))
+        missing = min(max(steps, 0), longest)
+        for level in self._levels:
+            low, high, missing = level.skip(low, high, missing)
 
     def end(self, level: int) -> int:
         """Number of the next column of a level.
@@ -125,7 +129,9 @@ class _Level:
         self._high = np.full((kept, signals), np.nan)
         self._rest = (np.empty((0, signals)), np.empty((0, signals)))  # of an unfinished column
 
-    def add(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def add(
+        self, low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Take in finer columns; the columns that they complete."""
         low, high = np.concatenate([self._rest[0], low]), np.concatenate([self._rest[1], high])
         whole = len(low) // self._factor * self._factor
@@ -138,6 +144,21 @@ class _Level:
         self._low[places], self._high[places] = low[-self.kept :], high[-self.kept :]
         self.count += len(low)
         return low, high
+
+    def skip(
+        self, low: NDArray[np.float64], high: NDArray[np.float64], missing: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+        """Take in finer columns, one at most, and a number of missing ones; the same of this level."""
+        filling = min(missing, -(len(self._rest[0]) + len(low)) % self._factor)
+        gap = np.full((filling, self.signals), np.nan)
+        completed = self.add(np.concatenate([low, gap]), np.concatenate([high, gap]))
+        columns, left = divmod(missing - filling, self._factor)
+        if left:  # then nothing else is unfinished
+            self._rest = (np.full((left, self.signals), np.nan), np.full((left, self.signals), np.nan))
+        self.count += columns
+        places = np.arange(self.count - min(columns, self.kept), self.count) % self.kept
+        self._low[places] = self._high[places] = np.nan
+        return *completed, columns
 
     def since(self, first: int) -> Columns:
         first = max(first, self.count - self.kept, 0)
