@@ -95,6 +95,19 @@ def test_an_order_that_is_not_possible_is_answered_with_the_reason(master: Visit
     assert master.page.locator("#answer").get_attribute("data-ok") == "false"
 
 
+def test_the_end_of_an_order_is_shown_below_a_later_one(master: Visit) -> None:
+    master.page.locator("#kind").select_option("sweep")
+    for name, value in {"amplitude": "5", "duration": "1", "axes": "w"}.items():
+        master.page.locator(f"[data-name={name}]").fill(value)
+    orders = "document.getElementById('excite').requestSubmit(); document.querySelector('[data-order=run]').click()"
+    master.value(orders)
+    ended = master.page.locator("#ends li", has_text="axes = 'w' is not allowed")
+    ended.wait_for()
+    assert (ended.text_content() or "").startswith("start excitation: ")
+    assert ended.get_attribute("data-ok") == "false"
+    master.wait("!document.getElementById('answer').textContent.endsWith('…')")  # that of the later order
+
+
 def test_a_wrong_field_is_named_in_the_words_and_units_of_the_page(master: Visit) -> None:
     master.page.locator("#kind").select_option("sweep")
     for amplitude, complaint in {
@@ -282,4 +295,8 @@ def test_a_rig_is_levitated_and_landed_from_the_page_and_its_trips_are_shown(wat
     visit.page.locator("#trip-list li", has_text="does not answer").wait_for()
     visit.page.locator("#banner").wait_for()
     visit.page.locator("#lamps .lamp[data-region=none]").first.wait_for()
+    graph.stop(rig.bridge, signal.SIGKILL)
+    visit.page.locator("#status-text", has_text="rig away").wait_for()
+    visit.page.locator("#banner", has_text="what it does now is not known").wait_for()
+    assert visit.value("ambView.state.sections.graph.alive")
     visit.close()

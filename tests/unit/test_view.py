@@ -20,7 +20,7 @@ from amb_bringup.view.samples import FRAME, Seen
 from amb_bringup.view.server import ViewError, ViewServer
 from amb_core.excitation import KINDS
 from amb_core.ground.errors import AmbError
-from amb_msgs.msg import AxisSamples, LoopSamples, RegionState
+from amb_msgs.msg import AxisSamples, BridgeState, LoopSamples, RegionState
 
 
 @pytest.mark.parametrize(
@@ -193,6 +193,28 @@ def test_log_and_nodes_are_bounded_and_long_texts_cut() -> None:
     assert len(picture.log) == KEPT_LINES
     assert len(picture.sections["nodes"]) == KEPT_NODES
     assert max(len(line["text"]) for line in picture.log) < 1000
+
+
+def test_what_a_silent_node_told_is_named_as_of_before_while_others_report() -> None:
+    now = 0.0
+    picture = Picture(lambda: now)
+
+    def hear(*names: str) -> list[str]:
+        status = [DiagnosticStatus(name=name, message="running") for name in names]
+        picture.take("/diagnostics", DiagnosticArray(status=status), 0)
+        picture.update()
+        return list(picture.sections["away"])
+
+    picture.take("hardware_bridge/state", BridgeState(mode=BridgeState.LEVITATED, run=1), 0)
+    assert picture.sections["plant"]["what"] == "rig"
+    names = ("amb/hardware_bridge", "amb/region_monitor", "amb/excitation_generator", "amb/recorder")
+    assert hear(*names) == []
+    now = 2.0 * SILENCE
+    assert hear(*names[1:]) == ["plant"]
+    assert hear(*names) == []
+    now = 4.0 * SILENCE
+    assert hear(names[0], names[3]) == ["region", "excitation"]
+    assert picture.sections["graph"]["alive"]
 
 
 def test_a_graph_whose_nodes_are_silent_counts_as_away_until_one_reports() -> None:

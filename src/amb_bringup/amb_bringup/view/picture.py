@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from amb_bringup.client.rig import MODES
 from amb_bringup.view.samples import SampleDisplay
 from amb_core.ground.errors import AmbError, one_line
+from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.results import plain
 from amb_core.recording.messages.loop_samples import block_from_message
 from amb_core.recording.messages.machine import machine_from_message
@@ -28,6 +29,9 @@ KEPT_TRIPS = 50
 KEPT_NODES = 64
 LONGEST_TEXT = 500  # characters of a text of a message
 SILENCE = 2.5  # s without diagnostics after which a node counts as away; nodes report twice a second
+PUBLISHERS = {"region": "region_monitor", "excitation": "excitation_generator"}
+"""Sections of which one node tells, besides the plant."""
+PLANTS = {"simulator": "simulator", "rig": BRIDGE_NODE}
 LOG_LEVELS = {10: "debug", 20: "info", 30: "warn", 40: "error", 50: "fatal"}
 HEALTH = ("ok", "warn", "error", "stale")
 
@@ -98,6 +102,7 @@ class Picture:
         }
         samples = self.samples
         self.sections["nodes"] = nodes
+        self.sections["away"] = self._sections_away(nodes)
         self.sections["graph"] = {
             "alive": any(not report["away"] for report in nodes.values()),
             "known": bool(nodes),
@@ -108,6 +113,17 @@ class Picture:
         if self._layout_of != samples.epoch:
             self._layout_of = samples.epoch
             self.sections["layout"] = samples.layout()
+
+    def _sections_away(self, nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
+        """The sections whose node is away: what they hold is the last of it. A node that never reported is not."""
+        by_name: dict[str, bool] = {}
+        for name, report in nodes.items():
+            own = name.rpartition("/")[2]
+            by_name[own] = by_name.get(own, True) and bool(report["away"])
+        publishers = dict(PUBLISHERS)
+        if "plant" in self.sections:
+            publishers["plant"] = PLANTS[self.sections["plant"]["what"]]
+        return [section for section, node in publishers.items() if by_name.get(node, False)]
 
     def _refuse(self, topic: str, problem: str) -> None:
         if self._refused.get(topic) != problem:  # not the same line a hundred times a second

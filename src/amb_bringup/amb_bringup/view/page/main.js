@@ -73,10 +73,26 @@ const SHOW = {
 function show({ sections, log }) {
   Object.assign(state.sections, sections);
   for (const [name, value] of Object.entries(sections)) SHOW[name]?.(value);
-  if (sections.region || sections.plant) showRegions(find("lamps"), state.sections.region, atRest());
-  if (sections.map || sections.region) drawMap(find("plane"), state.sections.map, state.sections.region);
+  if (sections.region || sections.plant || sections.away) showRegions(find("lamps"), state.sections.region, unjudged());
+  if (sections.map || sections.region || sections.away) showMap();
   if (log.length) addLines(find("log-list"), log);
   showStatus();
+}
+
+// Whether the node is away that tells of a section: what the section holds is the last of it.
+function isAway(section) {
+  return (state.sections.away || []).includes(section);
+}
+
+// Why the last regions hold no longer; empty while they do.
+function unjudged() {
+  if (isAway("region")) return "region monitor away";
+  return isAway("plant") ? `${state.sections.plant.what} away` : atRest();
+}
+
+function showMap() {
+  const present = !isAway("region") && !isAway("plant");
+  drawMap(find("plane"), state.sections.map, present ? state.sections.region : null);
 }
 
 // Why nothing is excited or judged now; empty while the rotor is levitated.
@@ -101,6 +117,9 @@ function showStatus() {
     text = graph?.known ? "graph away" : "no graph yet";
     banner = graph?.known ? "The graph is away: none of its nodes reports. What is shown is the last of it; the page goes on when it is back."
       : "No graph in this DDS domain yet: start one with amb up or amb rig up.";
+  } else if (isAway("plant")) {
+    [kind, text] = ["away", `${plant.what} away`];
+    banner = `The ${plant.what} is away: it no longer reports. What is shown of it is the last; what it does now is not known.`;
   } else if (performance.now() - lastFrame > SILENCE) kind = "idle";
   find("dot").dataset.state = kind;
   find("status-text").textContent = text;
@@ -122,6 +141,7 @@ function showExcitation() {
     const ended = excitation.kind === "stop" || left <= 0 || excitation.run !== samples.layout.run || atRest();
     text = ended ? "No excitation." : `Excitation: ${excitation.kind}, ${short(left)} s left.`;
   }
+  if (isAway("excitation") || isAway("plant")) text = "Excitation not known: its node is away.";
   if (find("excitation").textContent !== text) find("excitation").textContent = text;
 }
 
@@ -155,7 +175,7 @@ function redraw() {
   readColours();
   if (samples.layout.axes.length) draw();
   drawSpectrum(find("lines"), samples);
-  drawMap(find("plane"), state.sections.map, state.sections.region);
+  showMap();
 }
 
 function chooseWindow(level) {

@@ -7,6 +7,7 @@ const PLANT = {
   simulator: [["run", "Run"], ["pause", "Pause"], ["reset", "Reset"]],
   rig: [["levitate", "Levitate"], ["land", "Land"], ["off", "Off"], ["reset_trip", "Reset trip"]],
 };
+const KEPT_ENDS = 3; // of earlier orders
 const MICRO = "m"; // fields in metres are shown in micrometres
 
 const find = (id) => document.getElementById(id);
@@ -16,6 +17,7 @@ export class Orders {
     this.send = send;
     this.number = 0;
     this.plant = "";
+    this.names = new Map(); // of orders without a final answer, by number
     this.unlocked = false;
     this.token = takeToken();
     find("kind").addEventListener("change", () => this.showSettings());
@@ -79,15 +81,29 @@ export class Orders {
   order(order, settings) {
     if (!this.unlocked) return;
     this.number += 1;
+    this.names.set(this.number, order.replaceAll("_", " "));
     this.send({ do: "order", order, settings, number: this.number });
     this.answer({ ok: true, text: `${order.replace("_", " ")} …`, number: this.number });
   }
 
-  answer({ ok, text, number }) {
-    if (number < this.number) return;
+  // The answer of the newest order, and below it how earlier ones have ended since.
+  answer({ ok, text, number, final }) {
+    const name = this.names.get(number);
+    if (final) this.names.delete(number);
+    if (number < this.number) {
+      if (final) this.addEnd(`${name || "an earlier order"}: ${text}`, ok);
+      return;
+    }
     const shown = find("answer");
     shown.textContent = text;
     shown.dataset.ok = ok;
+  }
+
+  addEnd(textContent, ok) {
+    const item = element("li", { textContent });
+    item.dataset.ok = ok;
+    find("ends").prepend(item);
+    while (find("ends").children.length > KEPT_ENDS) find("ends").lastElementChild.remove();
   }
 
   showSettings() {
