@@ -23,7 +23,8 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
 from amb_core.regions import Region
-from amb_core.regions.region_map import RegionMap
+from amb_core.regions.region_map import MapSettings, RegionMap
+from amb_core.regions.region_map.build import MapJob
 
 RATE = 10_000.0
 MAP = RegionMap.load(Path(__file__).parent / "data" / "paper_map.json")
@@ -314,6 +315,31 @@ def test_an_unstable_loop_is_not_put_down_to_the_amplitude() -> None:
 
 def test_another_sample_rate_is_told() -> None:
     checked = check_excitation(signal("multisine", rate=20_000.0), MAP)
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ({"integration.sample_rate": 20e3}, r"integration\.sample_rate = 10000.0 \(here 20000.0\)"),
+        ({"sensor.bandwidth": 5e3}, r"sensor\.bandwidth = 0.0 \(here 5000.0\)"),
+    ],
+)
+def test_a_map_of_another_sample_rate_or_sensor_bandwidth_is_of_another_machine(
+    changed: dict[str, float], told: str
+) -> None:
+    with pytest.raises(ExcitationError, match=rf"another machine: {told}; draw a map"):
+        check_excitation(signal("multisine"), MAP, ControllerParameters(), validate(PlantParameters, changed))
+
+
+def test_a_map_of_a_machine_whose_backup_bearing_is_modelled_is_a_map_of_that_machine() -> None:
+    plant = validate(PlantParameters, {"backup_bearing.contact": True, "backup_bearing.stiffness": 1e7})
+    settings = MapSettings(amplitude_low=5e-6, amplitude_high=10e-6, duration=0.2, rest=0.1, frequency_end=1e3)
+    job = MapJob(settings, plant, ControllerParameters())
+    for amplitude in (5e-6, 10e-6):
+        job.refinement.add(job.task(amplitude).run())
+    own = job.map()
+    noted = notes(check_excitation(signal("multisine", axes="y"), own, ControllerParameters(), plant))
+    assert "plant" not in noted
+
+
     assert "the signal is sampled at 20000 Hz, the controller at 10000 Hz" in notes(checked)
 
 

@@ -21,9 +21,11 @@ MENTIONED = 1e-3
 """Share of the power or of the load outside the map above which it is mentioned."""
 NAMED = 4
 """Largest number of differing parameters that are named."""
-NOT_OF_THE_MACHINE = ("integration.", "sensor.")
+NOT_OF_THE_MACHINE = ("integration.internal_step", "sensor.noise")
 """Parameters of the plant that may differ between the machine of a map and the one that is excited: how finely it is
 simulated, and the noise of its sensors."""
+AFTER_THE_SWEEP = "backup_bearing."
+"""Parameters without effect on a map: its sweeps end where the rotor touches the backup bearing."""
 
 
 def made_with(region_map: RegionMap | None, part: str, model: type[P]) -> P:
@@ -60,8 +62,8 @@ def require_same_machine(region_map: RegionMap, plant: PlantParameters) -> None:
     Raises
     ------
     ExcitationError
-        If a parameter of the bearing, the amplifiers or the rotor differs from that of the map. A map that does not
-        contain them is not refused; a note then says so.
+        If a parameter of the bearing, the amplifiers, the rotor, the sensors (but their noise) or the sample rate
+        differs from that of the map. A map that does not contain them is not refused; a note then says so.
     """
     other = [
         text for text in _differences(region_map, "plant", PlantParameters, plant)
@@ -137,7 +139,11 @@ def _differences(region_map: RegionMap, part: str, model: type[Parameters], para
     except RegionError:
         return []
     asked = flatten(parameters.model_dump())
-    return [f"{name} = {value} (here {asked[name]})" for name, value in known.items() if asked[name] != value]
+    return [
+        f"{name} = {value} (here {asked[name]})"
+        for name, value in known.items()
+        if asked[name] != value and not name.startswith(AFTER_THE_SWEEP)
+    ]
 
 
 def _listed(texts: list[str]) -> str:
