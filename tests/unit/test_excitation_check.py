@@ -212,13 +212,22 @@ def test_what_is_predicted_to_clip_does_so_in_simulation() -> None:
 
 
 def test_a_slew_that_the_voltage_cannot_drive_is_in_the_verdict() -> None:
-    slow = validate(PlantParameters, {"amplifier.supply_voltage": 20.0})
+    slow = validate(PlantParameters, {"amplifier.supply_voltage": 20.0, "magnetic_circuit.coil_resistance": 0.0})
     checked = check_excitation(signal("multisine", amplitude=2e-6, frequency_end=2_000.0), map_of(slow), None, slow)
     assert checked.slew_rate == pytest.approx(10.0 / 7.15e-3, rel=0.01)
     assert all(axis.slewed > 0.01 for axis in checked.axes)
     assert "region A by the map, " in checked.verdict
     assert "on y the control current changes faster than the voltage can drive it in " in checked.verdict
     assert "may be multiplied" not in checked.verdict
+
+
+def test_the_voltage_that_the_resistance_of_the_coil_takes_drives_no_current() -> None:
+    resistive = validate(PlantParameters, {"magnetic_circuit.coil_resistance": 20.0})
+    checked = check_excitation(signal("multisine"), map_of(resistive), None, resistive)
+    assert checked.slew_rate == pytest.approx((150.0 - 20.0 * (3.0 + 1.363)) / 7.15e-3, rel=0.01)
+    assert checked.current_limit == 3.0
+    hot = validate(PlantParameters, {"magnetic_circuit.coil_resistance": 30.0})
+    assert check_excitation(signal("multisine"), map_of(hot), None, hot).current_limit == pytest.approx(2.0)
 
 
 # Gap 0.4 mm, 100 turns a pole, 2 A, 3 kg: the voltage drives the current at 1.75 kA/s, a tenth of the paper's bearing.
@@ -306,15 +315,6 @@ def test_a_map_of_another_machine_is_refused() -> None:
         check_excitation(signal("multisine"), MAP, ControllerParameters(), other)
 
 
-def test_an_unstable_loop_is_not_put_down_to_the_amplitude() -> None:
-    undamped = validate(ControllerParameters, {"derivative_gain": 0.0})
-    for amplitude in (1e-8, 1e-5):
-        with pytest.raises(ExcitationError, match="unstable without any excitation: its largest pole is 1"):
-            check_excitation(signal("multisine", amplitude=amplitude), MAP, undamped)
-
-
-def test_another_sample_rate_is_told() -> None:
-    checked = check_excitation(signal("multisine", rate=20_000.0), MAP)
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
@@ -340,6 +340,15 @@ def test_a_map_of_a_machine_whose_backup_bearing_is_modelled_is_a_map_of_that_ma
     assert "plant" not in noted
 
 
+def test_an_unstable_loop_is_not_put_down_to_the_amplitude() -> None:
+    undamped = validate(ControllerParameters, {"derivative_gain": 0.0})
+    for amplitude in (1e-8, 1e-5):
+        with pytest.raises(ExcitationError, match="unstable without any excitation: its largest pole is 1"):
+            check_excitation(signal("multisine", amplitude=amplitude), MAP, undamped)
+
+
+def test_another_sample_rate_is_told() -> None:
+    checked = check_excitation(signal("multisine", rate=20_000.0), MAP)
     assert "the signal is sampled at 20000 Hz, the controller at 10000 Hz" in notes(checked)
 
 

@@ -63,8 +63,8 @@ def check_excitation(
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)
     require_same_machine(region_map, plant)
-    current_limit, rate = effective_current_limit(plant, controller), slew_rate(plant)
     loop = LinearLoop(Plant(plant), controller)
+    current_limit, rate = effective_current_limit(plant, controller), slew_rate(plant, loop.static_current)
     linear = loop.respond(signal.samples)
     axes, loads = zip(
         *(

@@ -106,12 +106,32 @@ def effective_current_limit(plant: PlantParameters, controller: ControllerParame
         limits.append(amplifier.bias_current)
     if amplifier.limits:
         limits.append(amplifier.current_limit - amplifier.bias_current)
+        resistance = plant.magnetic_circuit.coil_resistance
+        if resistance > 0.0:
+            limits.append(max(_largest_mean_voltage(plant) / resistance - amplifier.bias_current, 0.0))
     return min(limits)
 
 
-def slew_rate(plant: PlantParameters) -> float | None:
-    """Fastest change of a coil current at the largest mean voltage (A/s); None if the amplifiers have no limits."""
-    amplifier = plant.amplifier
+def slew_rate(plant: PlantParameters, static_current: NDArray[np.float64]) -> float | None:
+    """Fastest change of a coil current at rest by the largest mean voltage (A/s); None if the amplifiers have no limits.
+
+    The voltage drives the current through the resistance of the coil too: at rest the highest coil current is the bias
+    current and the larger of the static currents.
+
+    Parameters
+    ----------
+    plant : PlantParameters
+        The plant.
+    static_current : ndarray, shape (2,)
+        Control currents that hold the rotor at rest (A).
+    """
+    amplifier, circuit = plant.amplifier, plant.magnetic_circuit
     if not amplifier.limits:
         return None
-    return amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance(plant.magnetic_circuit)
+    highest = amplifier.bias_current + float(np.max(np.abs(static_current)))
+    left = _largest_mean_voltage(plant) - circuit.coil_resistance * highest
+    return max(left, 0.0) / inductance(circuit)
+
+
+def _largest_mean_voltage(plant: PlantParameters) -> float:
+    return plant.amplifier.supply_voltage * (2.0 * plant.amplifier.maximum_duty - 1.0)

@@ -99,7 +99,7 @@ class TrialBench:
         self._rest = rest
         self.linear = LinearLoop(self._plant, controller)
         self.current_limit = effective_current_limit(plant, controller)
-        self._slew_rate = slew_rate(plant)
+        self._slew_rate = slew_rate(plant, self.linear.static_current)
 
     def run(self, signal: ExcitationSignal, progress: Progress | None = None) -> Trial:
         """Simulate a signal from rest to its end, or until the rotor delevitates.
