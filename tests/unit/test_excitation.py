@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from amb_core.excitation import KINDS, Excitation, excitation_from_request, generate
+from amb_core.excitation import KINDS, Excitation, excitation_from_request, excitation_from_settings, generate
 from amb_core.ground.errors import ExcitationError
 
 RATE = 10_000.0
@@ -183,6 +183,8 @@ def test_zero_and_empty_fields_take_the_defaults_of_the_kind() -> None:
         "phases": [],
         "seed": 0,
     }
+    with pytest.raises(ExcitationError, match="square does not use 'frequency_start' = 0"):
+        excitation_from_settings("square", request)
     assert excitation_from_request("square", request) == KINDS["square"](amplitude=50e-6, duration=4.0)  # type: ignore[call-arg]
 
 

@@ -39,6 +39,9 @@ def test_entries_become_experiments_in_si_units(tmp_path: Path) -> None:
         ("- {kind: square, duration: 1}", r"entry 1: square has no default for 'amplitude'"),
         ("- {kind: square, amplitude: 5kg, duration: 1}", r"entry 1: '5kg' has the unit 'kg'; allowed: a number in m"),
         ("- {kind: square, amplitude: 1, duration: 1}", r"entry 1: parameter 'amplitude' = 1 is not allowed"),
+        ("- {kind: square, amplitude: 1um, duration: 0}", r"entry 1: parameter 'duration' = 0 is not allowed"),
+        ("- {kind: square, amplitude: 1um, duration: 1, frequency: 0Hz}", r"'frequency' = 0.0 is not allowed"),
+        ("- {kind: sweep, amplitude: 1um, duration: 1, frequency_start: 0}", r"'frequency_start' = 0 is not allowed"),
         ("- [", r"cannot be read"),
     ],
 )

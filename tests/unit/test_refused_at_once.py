@@ -14,6 +14,7 @@ from amb_core.excitation import excitation_from_request
 from amb_core.ground.errors import AmbError, ExcitationError
 
 NOWHERE = "no_such_bag"
+PAPER_MAP = Path(__file__).parent / "data" / "paper_map.json"
 
 
 def refusal(*words: object) -> str:
@@ -59,6 +60,26 @@ def test_an_emulated_target_beside_a_link_to_a_rig_is_refused(
     path = tmp_path / "rig.yaml"
     path.write_text(f"/amb/hardware_bridge:\n  ros__parameters:\n    link: {{address: '{address}'}}\n")
     assert f"link.address = '{address}' is not allowed with an emulated target" in refusal(*command, "--params", path)
+
+
+@pytest.mark.parametrize("given", [("sweep", "--frequency-start"), ("square", "--frequency"), ("square", "--duration")])
+def test_a_zero_is_not_taken_for_the_default(given: tuple[str, str], tmp_path: Path) -> None:
+    kind, option = given
+    name = option[2:].replace("-", "_")
+    for command in (
+        ("experiment", kind, "--amplitude", "1um"),
+        ("excitation", "check", kind, "--amplitude", "1um", "--map", PAPER_MAP),
+        *([("excitation", "design", kind, "--map", PAPER_MAP)] if kind == "square" else []),
+    ):
+        assert f"'{name}' = 0.0 is not allowed" in refusal(*command, option, "0", "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", [("check", "prbs", "--amplitude", "1um"), ("design", "prbs")])
+def test_a_check_or_design_for_a_machine_of_other_axes_is_refused(command: tuple[str, ...], tmp_path: Path) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("/amb/simulator: {ros__parameters: {rotor: {model: rigid}}}\n")
+    message = refusal("excitation", *command, "--map", PAPER_MAP, "--params", path, "--out", tmp_path / "out")
+    assert message.startswith("the machine has the axes x_a, y_a, x_b, y_b; a check or design")
 
 
 def test_an_excitation_that_the_simulator_would_refuse_is_refused_without_it() -> None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from amb_bringup.client.errors import ClientError
 from amb_bringup.client.experiment import Experiment, ExperimentRun, carry_out
 from amb_bringup.client.loop_calls import LoopCalls
-from amb_core.excitation import excitation_from_request
+from amb_core.excitation import excitation_from_settings
 from amb_core.ground.parameters import validate
 from amb_core.ground.progress import Progress, unseen
 
@@ -73,7 +73,7 @@ class AmbClient(LoopCalls):
             If settings are given with several experiments.
         """
         if isinstance(kind, str):
-            return carry_out(self, [Experiment(kind, excitation_from_request(kind, settings))], bag, progress)
+            return carry_out(self, [Experiment(kind, excitation_from_settings(kind, settings))], bag, progress)
         if settings:
             raise ClientError(f"settings are for one kind of excitation; not allowed here: {', '.join(settings)}")
         return carry_out(self, kind, bag, progress)

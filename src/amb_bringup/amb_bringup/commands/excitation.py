@@ -28,14 +28,16 @@ from amb_core.designs.excitation import (
     use_of_trial,
 )
 from amb_core.designs.excitation.notes import made_with
+from amb_core.designs.excitation.spans import require_one_bearing
 from amb_core.designs.excitation.summary import check_summary, design_summary, trial_summary
-from amb_core.excitation import KINDS, excitation_from_request, generate
+from amb_core.excitation import KINDS, excitation_from_settings, generate
 from amb_core.ground.errors import RegionError
 from amb_core.ground.parameters import part_of
 from amb_core.ground.progress import as_stage
 from amb_core.ground.units import UM
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
+from amb_core.plant.machine import machine_of
 from amb_core.regions import Region, RegionParameters
 from amb_core.regions.region_map import RegionMap
 
@@ -73,7 +75,7 @@ def check(
 ) -> None:
     """Compare an excitation with a region map: the shares of its power in A, B, C and D, and what to do."""
     region_map, loop = _load(map_file, params)
-    signal = generate(excitation_from_request(kind, given), loop[0].sample_rate)
+    signal = generate(excitation_from_settings(kind, given), loop[0].sample_rate)
     checked = check_excitation(signal, region_map, *loop[:2])
     console = Terminal()
     make_folder(out)
@@ -158,9 +160,12 @@ def _load(map_file: Path, params: Path | None) -> tuple[RegionMap, Loop]:
     if params is None:
         regions = made_with(region_map, "regions", RegionParameters) if "regions" in region_map.provenance else None
         controller = made_with(region_map, "controller", ControllerParameters)
-        return region_map, (controller, made_with(region_map, "plant", PlantParameters), regions)
-    plant, controller = load_loop(params)
-    return region_map, (controller, plant, load_regions(params))
+        plant = made_with(region_map, "plant", PlantParameters)
+    else:
+        plant, controller = load_loop(params)
+        regions = load_regions(params)
+    require_one_bearing(machine_of(plant), "the machine has")
+    return region_map, (controller, plant, regions)
 
 
 def _exists(path: Path) -> bool:

@@ -16,7 +16,7 @@ from amb_bringup.commands.results import ResultError, make_folder
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.graph.node_parameters import check_parameter_file
 from amb_core.designs.excitation import designed_excitation
-from amb_core.excitation import KINDS, excitation_from_request
+from amb_core.excitation import KINDS, excitation_from_settings
 from amb_core.ground.errors import ExcitationError
 from amb_core.recording import Recording
 from amb_core.rig.commissioning import order_for
@@ -91,7 +91,7 @@ def _experiments(kind: str | None, design: Path | None, file: Path | None, given
             "experiments with --file"
         )
     if kind is not None:
-        return [Experiment(kind, excitation_from_request(kind, DURATION | given))]
+        return [Experiment(kind, excitation_from_settings(kind, DURATION | given))]
     if design is not None:
         excitation = designed_excitation(design, given)
         return [Experiment(excitation.kind, excitation)]

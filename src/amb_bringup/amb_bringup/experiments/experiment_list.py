@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from amb_bringup.client.experiment import Experiment
-from amb_core.excitation import KINDS, excitation_from_request
+from amb_core.excitation import KINDS, excitation_from_settings
 from amb_core.ground.errors import AmbError, ExcitationError
 from amb_core.ground.files.regular_files import read_text, shown
 from amb_core.ground.parameters import Declaration, declarations
@@ -62,7 +62,7 @@ def _experiment(entry: Any, number: int) -> Experiment:
         for name, value in entry.items()
         if name not in ("kind", "name")
     }
-    return Experiment(str(entry.get("name", f"{number} {kind}")), excitation_from_request(kind, settings))
+    return Experiment(str(entry.get("name", f"{number} {kind}")), excitation_from_settings(kind, settings))
 
 
 def _value(value: Any, declaration: Declaration | None) -> Any:

@@ -10,7 +10,13 @@
 
 from amb_core.excitation.deterministic import Square, Sweep, Tones
 from amb_core.excitation.playback import Playback, generate, instantaneous_frequency
-from amb_core.excitation.request import KINDS, definition_of, excitation_from_definition, excitation_from_request
+from amb_core.excitation.request import (
+    KINDS,
+    definition_of,
+    excitation_from_definition,
+    excitation_from_request,
+    excitation_from_settings,
+)
 from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
 from amb_core.excitation.signal import Excitation, ExcitationSignal, experiments_of, steps_of
 
@@ -28,6 +34,7 @@ __all__ = [
     "definition_of",
     "excitation_from_definition",
     "excitation_from_request",
+    "excitation_from_settings",
     "experiments_of",
     "generate",
     "instantaneous_frequency",

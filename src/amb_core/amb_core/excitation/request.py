@@ -1,4 +1,4 @@
-"""Excitations from requests, in which 0 or empty means `not given`, and from definitions, which give every setting."""
+"""Excitations from requests, in which 0 or empty means `not given`, from settings, and from definitions."""
 
 from __future__ import annotations
 
@@ -38,6 +38,32 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
         If the kind is unknown, a value is out of range, a field is not used by the kind, or one without default is
         missing; the message has one line.
     """
+    every_field = {field for other in KINDS.values() for field in other.model_fields}
+    return excitation_from_settings(
+        kind, {name: value for name, value in values.items() if name not in every_field or _plain(value)}
+    )
+
+
+def excitation_from_settings(kind: str, values: Mapping[str, Any]) -> Excitation:
+    """Make the parameters of an excitation from the settings that a user gave; every value counts, 0 too.
+
+    Parameters
+    ----------
+    kind : str
+        One of `KINDS`.
+    values : Mapping
+        Values by field name, in SI units; for others the kind's default applies.
+
+    Returns
+    -------
+    Excitation
+        The excitation.
+
+    Raises
+    ------
+    ExcitationError
+        As `excitation_from_request`.
+    """
     if kind not in KINDS:
         raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
     parameters = KINDS[kind]
@@ -46,11 +72,9 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
     every_field = {field for other in KINDS.values() for field in other.model_fields}
     given = {name: _plain(value) for name, value in values.items()}
     for name, value in given.items():
-        if name in fields or (name in every_field and not value):
-            continue
-        problem = f"{kind} does not use '{name}'" if name in every_field else f"unknown field '{name}'"
-        raise ExcitationError(f"{problem} = {value!r}; {kind} uses {used}")
-    given = {name: value for name, value in given.items() if value and name in fields}
+        if name not in fields:
+            problem = f"{kind} does not use '{name}'" if name in every_field else f"unknown field '{name}'"
+            raise ExcitationError(f"{problem} = {value!r}; {kind} uses {used}")
     for name, field in fields.items():
         if field.is_required() and name not in given:
             raise ExcitationError(f"{kind} has no default for '{name}'; give it ({kind} uses {used})")

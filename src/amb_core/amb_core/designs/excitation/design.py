@@ -16,7 +16,7 @@ from amb_core.designs.excitation.notes import made_with
 from amb_core.designs.excitation.result import ExcitationCheck
 from amb_core.designs.excitation.search import SMALLEST_AMPLITUDE, largest_within
 from amb_core.designs.excitation.trial import Trial
-from amb_core.excitation import ExcitationSignal, excitation_from_request, generate
+from amb_core.excitation import ExcitationSignal, excitation_from_settings, generate
 from amb_core.excitation.axes import ALL, BOTH
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
 from amb_core.ground.errors import ExcitationError
@@ -153,7 +153,7 @@ def design_excitation(
     kind : {"square", "multisine", "prbs"}
         Kind of excitation.
     values : Mapping
-        Its fields except the amplitude, as in `excitation_from_request`. By default a multisine has optimised phases
+        Its fields except the amplitude, as in `excitation_from_settings`. By default a multisine has optimised phases
         and, with axes `all`, interleaved lines. Other seeds follow the one given.
     region_map : RegionMap, optional
         Map of the bearing. None if there is none.
@@ -243,7 +243,7 @@ class _Signals:
         values = {**self._fields, "amplitude": amplitude}
         if seed:
             values["seed"] = int(self._fields.get("seed") or 0) + seed
-        return generate(excitation_from_request(self._kind, values), self._sample_rate)
+        return generate(excitation_from_settings(self._kind, values), self._sample_rate)
 
 
 def _certify(bench: Bench, amplitude: float) -> ExcitationCertificate:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from amb_core.excitation import ExcitationSignal
 from amb_core.excitation.signal import excited_spans
 from amb_core.ground.errors import ExcitationError
+from amb_core.loop.machine import Machine
 
 
 def spans_on_one_bearing(signal: ExcitationSignal) -> list[tuple[int, int, int]]:
@@ -15,9 +16,20 @@ def spans_on_one_bearing(signal: ExcitationSignal) -> list[tuple[int, int, int]]
     ExcitationError
         If the signal is made for another machine than one bearing with x and y.
     """
-    if len(signal.machine.axes) != 2:
-        raise ExcitationError(
-            f"{signal.kind}: the signal is for the axes {', '.join(signal.machine.axis_names)}; a check or design on a "
-            "region map is for one bearing with axes x, y"
-        )
+    require_one_bearing(signal.machine, f"{signal.kind}: the signal is for")
     return excited_spans(signal)
+
+
+def require_one_bearing(machine: Machine, subject: str) -> None:
+    """Refuse another machine than one bearing with x and y; the message begins with the subject.
+
+    Raises
+    ------
+    ExcitationError
+        If the machine has other axes.
+    """
+    if len(machine.axes) != 2:
+        raise ExcitationError(
+            f"{subject} the axes {', '.join(machine.axis_names)}; a check or design on a region map is for one bearing "
+            "with axes x, y"
+        )
