@@ -119,6 +119,9 @@ class Multisine(_Band):
     With `odd`, which lines are left out depends on the band and the period, not on the seed: signals of several seeds
     are realisations of one kind, see `amb_core.regions.distortion`.
 
+    Optimised phases are those of the experiments without a turn. Where the number of axes is no power of two, other
+    orthogonal experiments turn all lines by the same angle, and their crest factor is higher.
+
     Random phases are uniform over the circle, drawn from the seed; optimised ones start from them. Schroeder's do not
     depend on it: x chirps upwards, y downwards; those of further pairs of axes start in other parts of their period.
     Signals without random phases start where they are closest to zero, so that the control law does not respond to a
@@ -130,7 +133,8 @@ class Multisine(_Band):
 
     phasing: Literal["random", "schroeder", "optimised"] = choice(
         "random",
-        "how phases are chosen: random (crest factor 3 to 4), schroeder (a chirp, 1.7) or optimised (below 1.5)",
+        "how phases are chosen: random (crest factor 3 to 4), schroeder (a chirp, 1.7) or optimised (below 1.5; with "
+        "axes orthogonal up to 2.7, unless their number is a power of two)",
     )
     interleaved: bool = switch(False, "of n axes each has every n-th line of the band: no line excites two axes")
     odd: bool = switch(False, "only odd lines, and one of every four of them is left out, so that distortions show")
