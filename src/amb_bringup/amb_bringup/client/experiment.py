@@ -23,9 +23,15 @@ from amb_msgs.msg import BridgeState, SimulatorState
 from amb_ros import interruptions
 from amb_ros.machine import MachineInput
 
-SETTLING_STEPS = 2_000  # the rotor falls to its sag and comes to rest within a few periods of 63 Hz
+SETTLING = 0.2  # s; the rotor falls to its sag and comes to rest within a few periods of 63 Hz
+FEWEST_SETTLING_STEPS = 2_000
 RIG_SETTLING = 0.5  # s after levitation, and after each excitation
 APPEARANCE = 3.0  # s in which a running graph is found
+
+
+def settling_steps(sample_rate: float) -> int:
+    """Steps of the simulator from a reset until an excitation begins."""
+    return max(FEWEST_SETTLING_STEPS, round(SETTLING * sample_rate))
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,7 @@ class Stand(ABC):
     def __init__(self, amb: LoopCalls, progress: Progress) -> None:
         self._amb = amb
         self._progress = progress
+        self._machine: MachineInput | None = None
 
     @abstractmethod
     def prepare(self) -> None:
@@ -92,6 +99,13 @@ class Stand(ABC):
     @abstractmethod
     def land(self) -> tuple[int, int]:
         """Bring the rotor to rest. Returns run and step that telemetry has reached."""
+
+    def sample_rate(self) -> float:
+        """Sample rate of the machine (Hz)."""
+        found = self._machine = self._machine or MachineInput(self._amb.node)
+        self._amb.wait_until(lambda: found.machine is not None, complaint="the axes and the sample rate are not known")
+        assert found.machine is not None
+        return found.machine.sample_rate
 
     def close_recording(self, run: int, step: int) -> None:
         """Close the bag once it has everything up to a step; ClientError, with what is missing, if that does not come.
@@ -119,8 +133,9 @@ class SimulatorStand(Stand):
     def excite(self, experiment: Experiment) -> ExperimentRun:
         """Reset, excite after settling, run to the end."""
         name, excitation = experiment.name, experiment.excitation
+        first_step = settling_steps(self.sample_rate())
         run = self._amb.reset()
-        started = self._amb.start_excitation(excitation.kind, first_step=SETTLING_STEPS, **excitation.model_dump())
+        started = self._amb.start_excitation(excitation.kind, first_step=first_step, **excitation.model_dump())
         steps = started.first_step + started.steps
         self._progress(name, 0, steps)
         began = time.monotonic()
@@ -169,11 +184,8 @@ class RigStand(Stand):
 
     def excite(self, experiment: Experiment) -> ExperimentRun:
         """Excite once the rotor is at rest, and wait until it is at rest again."""
-        machine = MachineInput(self._amb.node)
-        self._amb.wait_until(lambda: machine.machine is not None, complaint=f"no machine of {BRIDGE_NODE}")
-        assert machine.machine is not None
         rig, name, excitation = self._amb.rig, experiment.name, experiment.excitation
-        rest = round(RIG_SETTLING * machine.machine.sample_rate)
+        rest = round(RIG_SETTLING * self.sample_rate())
         rig.wait_for_step(int(rig.wait_for_state().step) + rest)
         began = time.monotonic()
         started = self._amb.start_excitation(excitation.kind, **excitation.model_dump())

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment, SimulatorStand, landing
+from amb_bringup.client.experiment import Experiment, SimulatorStand, landing, settling_steps
 from amb_bringup.graph.launcher import Graph, launch_file
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.excitation import Excitation, generate
@@ -100,7 +100,8 @@ def controller_of(parameter_file: Path) -> ControllerParameters:
 
 def after_settling(record: LoopRecord) -> LoopRecord:
     """The samples from the first step of the excitation on."""
-    return record.window(SETTLING_STEPS, record.steps - SETTLING_STEPS)
+    settling = settling_steps(1.0 / record.sample_time)
+    return record.window(settling, record.steps - settling)
 
 
 def samples_of(excitation: Excitation, machine: Machine) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_bringup.client.experiment import SETTLING_STEPS, Experiment
+from amb_bringup.client.experiment import Experiment, settling_steps
 from amb_bringup.demos.demo_run import after_settling, controller_of, plant_of, run_graph, samples_of
 from amb_core.excitation import Excitation, Multisine
 from amb_core.ground.progress import Progress, as_stage
@@ -115,7 +115,7 @@ def _without_ros(
         PdController(controller, len(plant.machine.axis_names)),
         steps,
         samples_of(excitation, plant.machine),
-        SETTLING_STEPS,
+        settling_steps(plant.machine.sample_rate),
         as_stage("without ROS", progress),
     )
 
