@@ -126,6 +126,18 @@ def test_no_wish_gets_a_text_of_the_simulator() -> None:
     assert figures["levitated"] + figures["explained"] == 8
 
 
+def test_a_machine_with_a_thrust_bearing_gets_radial_gains_and_keeps_the_axial_ones() -> None:
+    rig = validate(PlantParameters, {"rotor.model": "rigid", "rotor.axial": True})
+    given = validate(ControllerParameters, {"proportional_gain": 16_000.0, "derivative_gain": 90.0})
+    tuned = tune(rig, given)
+    assert tuned is not None
+    assert tuned.peak_sensitivity <= HIGHEST_PEAK
+    assert len(tuned.controller.proportional_gains) == 5
+    assert (tuned.controller.proportional_gains[4], tuned.controller.derivative_gains[4]) == (16_000.0, 90.0)
+    chart = stability_chart(rig, given, points=8)
+    assert np.isfinite(chart.peak).any()
+
+
 def test_slow_amplifiers_are_named_as_the_reason() -> None:
     slow = validate(PlantParameters, {"amplifier.proportional_gain": 5e-4})
     tuned = tune(slow)

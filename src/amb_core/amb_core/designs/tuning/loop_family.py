@@ -64,8 +64,8 @@ class LoopFamily:
         if self._radial.all():
             values |= {"proportional_gain": proportional, "derivative_gain": derivative}
         else:
-            values["proportional_gains"] = tuple(self._radial * proportional + self._fixed[0])
-            values["derivative_gains"] = tuple(self._radial * derivative + self._fixed[1])
+            values["proportional_gains"] = (self._radial * proportional + self._fixed[0]).tolist()
+            values["derivative_gains"] = (self._radial * derivative + self._fixed[1]).tolist()
         return validate(ControllerParameters, values)
 
     def stable(self, proportional: float, derivative: float) -> bool:
