@@ -113,7 +113,7 @@ def effective_current_limit(plant: PlantParameters, controller: ControllerParame
 
 
 def slew_rate(plant: PlantParameters, static_current: NDArray[np.float64]) -> float | None:
-    """Fastest change of a coil current at rest by the largest mean voltage (A/s); None if the amplifiers have no limits.
+    """Fastest change of a coil current at rest by the largest mean voltage (A/s); None for ideal amplifiers.
 
     The voltage drives the current through the resistance of the coil too: at rest the highest coil current is the bias
     current and the larger of the static currents.
