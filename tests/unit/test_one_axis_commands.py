@@ -57,7 +57,7 @@ def test_its_model_is_validated_on_the_other_recording(folder: Path, tmp_path: P
 
 
 def test_its_regions_and_its_distortion_are_measured(folder: Path, tmp_path: Path) -> None:
-    said = run("regions", folder / "one.csv", *described(folder), "--out", tmp_path)
+    said = run("regions", folder / "one.csv", *described(folder), "--out", tmp_path, "--clearance", "250um")
     assert "region A" in said
     assert "noise and distortion together" in said and "not allowed" not in said
     assert json.loads((tmp_path / "summary.json").read_text())["shares"]["A"] == 1.0
