@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from amb_core.data.experiments import write_data
-from amb_core.identification import IdentificationData, identify
+from amb_core.identification import identify
 from amb_core.report.pages.again import certify_again
 from amb_core.report.pages.certificate import write_certificate
 from amb_core.report.pages.certification import Request, certify_request
 from amb_core.robustness import RobustnessSettings
 from amb_core.robustness.trace import CertificateHeader
-from tests.benchmarks.robust.hidden_modes import STEP, rotor
+from tests.benchmarks.robust.hidden_modes import STEP, in_si, rotor
 from tests.benchmarks.robust.records import Size, records
 
 CERTIFICATES = 10
@@ -34,7 +34,7 @@ def is_equal(seed: int, size: Size) -> bool:
     random = np.random.default_rng([seed, 7])
     loop = rotor(float(random.uniform(300.0, 1_500.0)), 0.01, 0.03)
     reference = 4e-6 * np.sign(random.normal(size=(size.steps // 20, 2))).repeat(20, axis=0)
-    data = IdentificationData.from_arrays(*loop.run(reference, random), STEP, reference=reference)
+    data = in_si(*loop.run(reference, random), STEP, reference)
     settings = RobustnessSettings(
         frequencies=float(size.frequencies), extra_delay=float(random.choice([0.0, 0.5, 1.0]))
     )

@@ -31,6 +31,12 @@ CLOSE_DB, CLOSE_FREQUENCY = 0.2, 1e-3
 VISIBLE_DB = 0.5  # a peak that stands out less has no frequency
 
 
+def in_si(inputs: np.ndarray, outputs: np.ndarray, sample_time: float, reference: np.ndarray) -> IdentificationData:
+    """Data of currents (A) and positions (m)."""
+    units = {"input_units": ("A",) * inputs.shape[1], "output_units": ("m",) * outputs.shape[1]}
+    return IdentificationData.from_arrays(inputs, outputs, sample_time, reference=reference, **units)
+
+
 def hidden_modes(size: Size) -> dict[str, int]:
     """How many are found or named."""
     count = min(MODES, size.runs)
@@ -107,4 +113,4 @@ def rotor(hertz: float, damping: float, gain: float) -> LinearLoop:
 def swept(loop: LinearLoop, sweep: Sweep, random: np.random.Generator) -> IdentificationData:
     """The loop under an excitation, from rest."""
     reference = generate(sweep, LAW.sample_rate).samples
-    return IdentificationData.from_arrays(*loop.run(reference, random), STEP, reference=reference)
+    return in_si(*loop.run(reference, random), STEP, reference)
