@@ -79,7 +79,7 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
-        self._lifting = Lock()  # held while the target is told to levitate: nobody does once it is called off
+        self._lifting = Lock()  # held from the last look at `called_off` until LEVITATE is answered
         self._losses = RecentLosses()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None

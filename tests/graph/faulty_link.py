@@ -1,4 +1,4 @@
-"""A link of one's own whose calls fail, wait or lie as long as files beside this module say so; `told` has its calls.
+"""A link of one's own whose calls fail, wait or lie as long as files beside this module say so; `calls` logs them.
 
 Installed beside the link of docs/how-to/connect-a-rig.md in a folder of the test, and loaded by the bridge.
 """
@@ -21,8 +21,8 @@ def wrong(name: str) -> bool:
     return (FOLDER / name).exists()
 
 
-def tell(text: str) -> None:
-    with (FOLDER / "told").open("a") as file:
+def log(text: str) -> None:
+    with (FOLDER / "calls").open("a") as file:
         file.write(f"{text}\n")
 
 
@@ -35,7 +35,7 @@ class FaultyLink(VendorLink):
 
     def close(self):
         super().close()
-        tell("close")
+        log("close")
 
     def configure(self, settings):
         if wrong("refuse settings"):
@@ -43,17 +43,17 @@ class FaultyLink(VendorLink):
         super().configure(settings)
 
     def levitate(self, seconds):
-        tell("levitate is asked for")
+        log("levitate is asked for")
         while wrong("hold levitate"):
             time.sleep(0.01)
         super().levitate(seconds)
-        tell("levitate")
+        log("levitate")
 
     def land(self, seconds):
         if wrong("refuse landing"):
             raise TargetError("no reply from the target to DELEVITATE")
         super().land(seconds)
-        tell(f"land {seconds:g}")
+        log(f"land {seconds:g}")
 
     def status(self):
         if wrong("silent"):

@@ -42,9 +42,9 @@ class FaultyRig(Rig):
             self.faults.remove(fault)
 
     @property
-    def told(self) -> list[str]:
-        """What the link has been told."""
-        path = self.graph.folder / "told"
+    def calls(self) -> list[str]:
+        """The calls of the link."""
+        path = self.graph.folder / "calls"
         return path.read_text().splitlines() if path.exists() else []
 
     def is_anew(self) -> bool:
@@ -54,7 +54,7 @@ class FaultyRig(Rig):
             self.change("deactivate")
         if self.life_cycle == "inactive":
             self.change("cleanup")
-        (self.graph.folder / "told").unlink(missing_ok=True)
+        (self.graph.folder / "calls").unlink(missing_ok=True)
         return self.life_cycle == "unconfigured"
 
 
@@ -65,7 +65,7 @@ def rig(share: Callable[..., FaultyRig]) -> FaultyRig:
 
 
 def asked_for(rig: FaultyRig) -> bool:
-    return "levitate is asked for" in rig.told
+    return "levitate is asked for" in rig.calls
 
 
 def test_a_levitation_that_is_on_its_way_is_not_carried_out_after_the_currents_are_off(rig: FaultyRig) -> None:
@@ -77,8 +77,8 @@ def test_a_levitation_that_is_on_its_way_is_not_carried_out_after_the_currents_a
     rig.end("hold levitate")
     assert off().success
     assert not levitated()
-    assert "levitate" in rig.told
-    assert rig.told[-1] == "land 0"
+    assert "levitate" in rig.calls
+    assert rig.calls[-1] == "land 0"
     rig.graph.wait_until(lambda: rig.state.mode == BridgeState.OFF, "the end of the currents")
 
 
@@ -114,7 +114,7 @@ def test_a_levitation_ends_with_the_link(rig: FaultyRig) -> None:
     assert rig.change("configure")
     rig.begin("no samples")
     levitated = rig.asked("activate")
-    rig.graph.wait_until(lambda: "levitate" in rig.told, "the levitation")
+    rig.graph.wait_until(lambda: "levitate" in rig.calls, "the levitation")
     rig.begin("silent")
     assert not levitated()
     rig.graph.wait_until(lambda: "activate: no reply from the target" in rig.state.problem, "the reason")
@@ -146,7 +146,7 @@ def test_a_target_without_control_steps_is_an_error_and_a_landing_says_so(rig: F
 def test_a_bridge_that_could_not_configure_knows_nothing_of_the_rig(rig: FaultyRig) -> None:
     rig.begin("refuse settings")
     assert not rig.change("configure")
-    assert rig.told == ["close"]
+    assert rig.calls == ["close"]
     assert rig.life_cycle == "unconfigured"
     rig.graph.wait_until(lambda: "configure: the target refuses PARAMETERS" in rig.state.problem, "the reason")
     assert rig.state.mode == BridgeState.UNREACHABLE

@@ -30,7 +30,7 @@ KEPT_NODES = 64
 LONGEST_TEXT = 500  # characters of a text of a message
 SILENCE = 2.5  # s without diagnostics after which a node counts as away; nodes report twice a second
 PUBLISHERS = {"region": "region_monitor", "excitation": "excitation_generator"}
-"""Sections of which one node tells, besides the plant."""
+"""Sections that one node reports, besides the plant."""
 PLANTS = {"simulator": "simulator", "rig": BRIDGE_NODE}
 LOG_LEVELS = {10: "debug", 20: "info", 30: "warn", 40: "error", 50: "fatal"}
 HEALTH = ("ok", "warn", "error", "stale")

@@ -14,6 +14,7 @@ from amb_core.ground.errors import ExcitationError
 from amb_core.ground.parameters import validate
 
 KINDS: dict[str, type[Excitation]] = {kind.kind: kind for kind in (Sweep, Square, Multisine, Prbs, WhiteNoise, Tones)}
+_FIELDS = {field for kind in KINDS.values() for field in kind.model_fields}
 
 
 def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
@@ -38,9 +39,8 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
         If the kind is unknown, a value is out of range, a field is not used by the kind, or one without default is
         missing; the message has one line.
     """
-    every_field = {field for other in KINDS.values() for field in other.model_fields}
     return excitation_from_settings(
-        kind, {name: value for name, value in values.items() if name not in every_field or _plain(value)}
+        kind, {name: value for name, value in values.items() if name not in _FIELDS or _plain(value)}
     )
 
 
@@ -69,11 +69,10 @@ def excitation_from_settings(kind: str, values: Mapping[str, Any]) -> Excitation
     parameters = KINDS[kind]
     fields = parameters.model_fields
     used = ", ".join(fields)
-    every_field = {field for other in KINDS.values() for field in other.model_fields}
     given = {name: _plain(value) for name, value in values.items()}
     for name, value in given.items():
         if name not in fields:
-            problem = f"{kind} does not use '{name}'" if name in every_field else f"unknown field '{name}'"
+            problem = f"{kind} does not use '{name}'" if name in _FIELDS else f"unknown field '{name}'"
             raise ExcitationError(f"{problem} = {value!r}; {kind} uses {used}")
     for name, field in fields.items():
         if field.is_required() and name not in given:

@@ -79,7 +79,7 @@ function show({ sections, log }) {
   showStatus();
 }
 
-// Whether the node is away that tells of a section: what the section holds is the last of it.
+// Whether the node that reports a section is away: the section then holds its last values.
 function isAway(section) {
   return (state.sections.away || []).includes(section);
 }
