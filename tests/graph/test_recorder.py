@@ -248,8 +248,11 @@ def test_a_stop_does_not_wait_behind_another_that_waits_for_steps(loop: Loop, gr
     graph.wait_until(lambda: _steps_on_disk(uri) == 10 * BLOCK, what="the telemetry on the disk")
     client = graph.node.create_client(StopRecording, "/amb/recorder/stop")
     graph.wait_until(client.service_is_ready, "the recorder")
+    # by one client: requests of two may arrive in either order
     first = client.call_async(StopRecording.Request(wait_for_run=1, wait_for_step=10**12, timeout=3600.0))
-    stopped = loop.stop_bag(1, 10 * BLOCK)
+    second = client.call_async(StopRecording.Request(wait_for_run=1, wait_for_step=10 * BLOCK))
+    graph.wait_until(second.done, "the answer to the second stop")
+    stopped = second.result()
     assert stopped.success, stopped.message
     graph.wait_until(first.done, "the answer to the first stop")
     assert first.result() == stopped
