@@ -63,6 +63,20 @@ def expected() -> Expected:
     return expected_of(PlantParameters(), ControllerParameters())
 
 
+@pytest.mark.parametrize("model", ["point_mass", "rigid"])
+def test_a_rotor_lies_where_weight_and_constant_force_press_it(model: str) -> None:
+    """There the magnets pull more along the load, and hardly more across it."""
+    for changes, of_a in (
+        ({}, [1.0, 1.6]),
+        ({"rotor.external_force_y": 100.0}, [1.0, 1.6]),  # above
+        ({"rotor.gravity": 0.0, "rotor.external_force_x": -30.0}, [1.6, 1.0]),
+    ):
+        plant = validate(PlantParameters, {"rotor.model": model, **changes})
+        assert expected_of(plant, ControllerParameters()).resting[:2] == pytest.approx(of_a, abs=0.06)
+    weightless = validate(PlantParameters, {"rotor.model": model, "rotor.gravity": 0.0})
+    assert expected_of(weightless, ControllerParameters()).resting == pytest.approx(1.0)
+
+
 def failed(checks: list) -> list[str]:
     return [check.what for check in checks if check.passed is False]
 

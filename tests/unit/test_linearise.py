@@ -30,6 +30,7 @@ from amb_core.plant.simulation import simulate
 AVERAGED = AmplifierParameters(switching=False)
 WITHOUT_GRAVITY = RotorParameters(gravity=0.0)
 MASS = 6.25
+CENTRE = np.zeros(2)
 AREA, AIR_GAP, BIAS, COS = 13.89e-3 * 49.15e-3, 0.6e-3, 3.0, np.cos(np.pi / 8)
 CURRENT_GAIN = mu_0 * 100**2 * AREA * BIAS * COS / AIR_GAP**2
 """Closed form for ideal iron (N/A)."""
@@ -235,6 +236,36 @@ def test_a_given_position_is_held_by_the_currents_found():
     assert np.abs(AveragedPlant(Plant()).derivative(model.point.state, model.point.current_reference)).max() < 1e-8
 
 
+@pytest.mark.parametrize("model", ["point_mass", "rigid"])
+@pytest.mark.parametrize("force", [(0.0, -25.0), (0.0, 40.0), (15.0, 61.3125)])
+def test_a_constant_force_holds_the_rotor_where_the_running_plant_settles(model, force):
+    """It acts at bearing A; the last one carries the weight of half a rotor."""
+    rotor = RotorParameters(model=model, external_force_x=force[0], external_force_y=force[1])
+    plant = Plant(PlantParameters(amplifier=AVERAGED.model_copy(update={"integral_gain": 100.0}), rotor=rotor))
+    point = linearize(plant).point
+    settled = simulate(plant, PdController(ControllerParameters(), len(plant.machine.axes)), 4_000).position[-1]
+    np.testing.assert_allclose(point.journals, settled, atol=1e-11)
+    unloaded = linearize(Plant(PlantParameters(amplifier=AVERAGED, rotor=RotorParameters(model=model)))).point
+    assert np.abs(point.journals - unloaded.journals)[1] > 20e-6
+
+
+def test_a_position_is_held_against_a_constant_force_by_the_currents_found():
+    without, pushed = (
+        linearize(Plant(PlantParameters(rotor=RotorParameters(gravity=0.0, external_force_y=force))), position=CENTRE)
+        for force in (0.0, 150.0)
+    )
+    np.testing.assert_allclose(without.point.current_reference, 0.0, atol=1e-9)
+    assert pushed.point.current_reference == pytest.approx([0.0, -150.0 / CURRENT_GAIN], rel=0.1, abs=1e-9)
+
+
+def test_an_alternating_force_leaves_the_operating_point():
+    rotor = RotorParameters(external_force_y=40.0, external_force_frequency=50.0)
+    assert (
+        linearize(Plant(PlantParameters(rotor=rotor))).point.position.tolist()
+        == linearize(Plant()).point.position.tolist()
+    )
+
+
 def test_position_outside_the_backup_bearing_is_refused():
     with pytest.raises(
         PlantError, match=r"position 0\.0003 m, 0 m is not inside the backup bearing; allowed: less than"
@@ -248,6 +279,15 @@ def test_rotor_too_heavy_for_the_currents_is_refused():
         linearize(heavy, position=np.zeros(2))
     with pytest.raises(PlantError, match="cannot hold the rotor of 1000 kg inside the backup bearing"):
         linearize(heavy)
+
+
+def test_a_force_beyond_the_currents_is_refused_by_its_name():
+    pushed = Plant(PlantParameters(rotor=RotorParameters(external_force_y=-2_000.0)))
+    against = "against an external force of 0 N, -2000 N"
+    with pytest.raises(PlantError, match=f"within the amplifiers' limit of 10 A, {against}"):
+        linearize(pushed, position=CENTRE)
+    with pytest.raises(PlantError, match=rf"inside the backup bearing, 0\.00025 m, {against}"):
+        linearize(pushed)
 
 
 def test_operating_point_beyond_a_limit_is_refused():

@@ -9,13 +9,15 @@ i_x, 0, i_max) (i_0 - i_x for -x, i_y likewise), supply voltage U and the networ
     e_c = r_c - i_c,    d_c = clip(1/2 + K_P e_c + I_c, d_min, d_max),    V_c = U (2 d_c - 1)
     (dphi/dt, i) = M (h, V),    h = diag(g_j / (mu_0 A)) phi + R phi + drops of nonlinear iron and diffusion
     dI_c/dt = K_I e_c, or 0 while the duty is at a limit
-    m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) - (0, m g),    dq/dt = v
+    m dv/dt = sum_j phi_j^2 / (2 mu_0 A) (cos theta_j, sin theta_j) + f - (0, m g),    dq/dt = v
+
+with a constant external force f, which acts at bearing A of a rotor in two.
 
 With eddy currents, part of a coil current follows its voltage at once (M has a block from V to i), so V and i are
 solved together. If the current of a unipolar coil would be negative, its voltage is the one that keeps it zero.
 
 Iron with hysteresis is represented by its single-valued curve. If the plant has no eddy currents, a thousandth of them
-remains, so that all fluxes have rates. Sensors, disturbances and backup bearings are not part of these equations.
+remains, so that all fluxes have rates. Sensors, alternating forces and backup bearings are not part of these equations.
 
 Written for clarity, independently of the compiled kernel. The kernel holds the duty over each switching period (over
 each internal step with `switching` off). It approaches these equations to first order as that period goes to zero:
@@ -70,6 +72,8 @@ class AveragedPlant:
         self._by_memory = np.hstack(
             [np.zeros((POLES, 0)), *(np.tile(part.reluctance, len(part.terms.rates)) for part in parts)]
         )
+        self._external = np.zeros(2 * plant.bearings)
+        self._external[:2] = plant.parameters.rotor.constant_force[:2]
         terms = len(self._weights)
         names: list[str] = []
         flux: list[slice] = []
@@ -216,9 +220,9 @@ class AveragedPlant:
         rotor, model = self.plant.parameters.rotor, self.plant.rotor
         if model is None:
             free = np.array(["x" in self.plant.axes, True])
-            return free * (force / rotor.mass - np.array([0.0, rotor.gravity]))
+            return free * ((force + self._external) / rotor.mass - np.array([0.0, rotor.gravity]))
         generalised = (
-            model.bearings.T @ force
+            model.bearings.T @ (force + self._external)
             + model.weight
             - model.stiffness @ state[self.coordinates]
             - (model.damping + model.gyroscopic) @ state[self.rates]

@@ -65,8 +65,7 @@ def axial_point(controller: ControllerParameters, plant: Plant) -> AxialPoint | 
     if axial is None:
         return None
     gain, reference = float(pack_gains(controller, axes)[-1, 0]), float(controller.references(axes)[-1])
-    rotor, clearance = plant.parameters.rotor, plant.parameters.thrust_bearing.clearance
-    constant = rotor.external_force_z if rotor.external_force_frequency == 0.0 else 0.0
+    clearance, constant = plant.parameters.thrust_bearing.clearance, plant.parameters.rotor.constant_force[2]
 
     def held(z: float) -> AxialPoint:
         return _at_rest(plant, axial, z, gain * (reference - z))

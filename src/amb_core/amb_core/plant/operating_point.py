@@ -1,4 +1,4 @@
-"""Equilibria of the plant: states at rest in which the magnetic force carries the weight of the rotor."""
+"""Equilibria of the plant: states at rest in which the magnetic force carries weight and constant external force."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from amb_core.plant.plant import Plant
 from amb_core.plant.rotor import rotor_mass
 
 _TOLERANCE = 1e-9
-"""Residual force allowed at an equilibrium, relative to the weight."""
+"""Residual force allowed at an equilibrium, relative to the weight or the external force."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def point_held_by(controller: ControllerParameters, plant: Plant) -> OperatingPo
     if point is None or not _inside(point, radius):
         raise PlantError(
             f"the controller with K_P = {controller.proportional_gain:g} A/m cannot hold the rotor of "
-            f"{rotor_mass(plant.parameters, plant.rotor):g} kg inside the backup bearing, {radius:g} m"
+            f"{rotor_mass(plant.parameters, plant.rotor):g} kg inside the backup bearing, {radius:g} m{_pushed(plant)}"
         )
     largest = float(np.abs(point.current_reference).max())
     if largest >= controller.current_limit:
@@ -120,7 +120,7 @@ def point_at(position: NDArray[np.float64], plant: Plant) -> OperatingPoint:
     if not np.isfinite(unknown).all():
         raise PlantError(
             f"no control current holds the rotor at {position[0]:g} m, {position[1]:g} m within the amplifiers' limit "
-            f"of {plant.parameters.amplifier.current_limit:g} A"
+            f"of {plant.parameters.amplifier.current_limit:g} A{_pushed(plant)}"
         )
     point = held(unknown)
     _check_duties(point, plant)
@@ -167,12 +167,17 @@ def _check_duties(point: OperatingPoint, plant: Plant) -> None:
         )
 
 
+def _pushed(plant: Plant) -> str:
+    """What a refusal says of a constant external force; nothing without one."""
+    x, y, _ = plant.parameters.rotor.constant_force
+    return f", against an external force of {x:g} N, {y:g} N" if x or y else ""
+
+
 def _unbalanced(point: OperatingPoint, averaged: AveragedPlant) -> NDArray[np.float64]:
-    """Unbalanced force over weight (or weight at 1 m/s^2); for directions that cannot move, the position."""
-    plant = averaged.plant
-    left = averaged.unbalanced(point.state) / (
-        rotor_mass(plant.parameters, plant.rotor) * max(plant.parameters.rotor.gravity, 1.0)
-    )
+    """Unbalanced force over weight (at least at 1 m/s^2) or external force; the position where nothing can move."""
+    plant, rotor = averaged.plant, averaged.plant.parameters.rotor
+    weight = rotor_mass(plant.parameters, plant.rotor) * max(rotor.gravity, 1.0)
+    left = averaged.unbalanced(point.state) / max(weight, *map(abs, rotor.constant_force[:2]))
     if "x" not in plant.axes:
         left[0] = (point.journals[0] - plant.parameters.rotor.initial_x) / plant.parameters.magnetic_circuit.air_gap
     return left

@@ -12,6 +12,7 @@ Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 7 (r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,10 +59,14 @@ class RotorModel:
 
     def coordinates_at(self, x: float, y: float) -> NDArray[np.float64]:
         """Coordinates, shape (n,), with both journals at x, y (m): the pose with the least strain energy."""
+        return self.pose([x, y, x, y])
+
+    def pose(self, journals: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates, shape (n,), with the journals at A x, A y, B x, B y (m) and the least strain energy."""
         # Stationary point of q^T K q / 2 + lambda^T (B q - target); scaling K does not change it.
         scale = max(float(np.abs(self.stiffness).max()), np.finfo(np.float64).tiny)
         system = np.block([[self.stiffness / scale, self.bearings.T], [self.bearings, np.zeros((4, 4))]])
-        target = np.concatenate([np.zeros(self.n), [x, y, x, y]])
+        target = np.concatenate([np.zeros(self.n), journals])
         return np.linalg.lstsq(system, target, rcond=None)[0][: self.n]
 
     def poles(self, bearing_stiffness: float | NDArray[np.float64] = 0.0) -> NDArray[np.complex128]:
@@ -100,6 +105,18 @@ def rotor_mass(parameters: PlantParameters, rotor: RotorModel | None) -> float:
         return parameters.rotor.mass
     lifted = rotor.coordinates_at(0.0, 1.0)
     return float(lifted @ rotor.mass @ lifted)
+
+
+def journal_loads(parameters: PlantParameters, rotor: RotorModel | None) -> NDArray[np.float64]:
+    """Weight and constant external force that rest on the bearings (N), shape (2 * bearings,): x, y of each."""
+    loads = np.zeros(2 if rotor is None else 4)
+    loads[1::2] = (
+        -parameters.rotor.mass * parameters.rotor.gravity
+        if rotor is None
+        else [rotor.pose(lifted) @ rotor.weight for lifted in np.eye(4)[1::2]]
+    )
+    loads[:2] += parameters.rotor.constant_force[:2]
+    return loads
 
 
 def rigid_rotor(parameters: PlantParameters) -> RotorModel:

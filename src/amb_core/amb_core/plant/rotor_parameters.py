@@ -69,6 +69,13 @@ class RotorParameters(Parameters):
     external_force_z: float = quantity(0.0, "N", "external force on the rotor along its axis, z", -1e6, 1e6)
     initial_z: float = quantity(0.0, "m", "rotor position at reset, z axis", -1e-2, 1e-2)
 
+    @property
+    def constant_force(self) -> tuple[float, float, float]:
+        """External force along x, y and z (N) that holds on at rest: none if it alternates."""
+        if self.external_force_frequency != 0.0:
+            return 0.0, 0.0, 0.0
+        return self.external_force_x, self.external_force_y, self.external_force_z
+
 
 class RigidRotorParameters(Parameters):
     """Rigid rotor in two bearings, for `rotor.model: rigid`. Axial positions count from the centre of mass."""

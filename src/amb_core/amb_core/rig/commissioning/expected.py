@@ -12,6 +12,7 @@ from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
 from amb_core.plant.network import COIL_AXES
 from amb_core.plant.operating_point import static_force
+from amb_core.plant.rotor import journal_loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +97,18 @@ def expected_of(plant: PlantParameters, controller: ControllerParameters) -> Exp
 
 def _resting(plant: Plant) -> NDArray[np.float64]:
     """Of each axis: the magnet that the rotor lies nearer to pulls more."""
-    rotor = plant.parameters.rotor
-    place = np.array([0.0, -rotor.backup_bearing_radius if rotor.gravity > 0.0 else 0.0])
+    radius = plant.parameters.rotor.backup_bearing_radius
     step = 1e-3 * plant.parameters.amplifier.bias_current
     factors = np.ones(len(plant.machine.axes))
-    for axis in range(2):
-        change = COIL_AXES[:, axis] * step * (plant.bias_currents() > 0.0)
-        there, centred = (
-            static_force(plant, plant.bias_currents() + change, at)[axis]
-            - static_force(plant, plant.bias_currents() - change, at)[axis]
-            for at in (place, np.zeros(2))
-        )
-        if centred:
-            factors[axis : 2 * plant.bearings : 2] = there / centred
+    for bearing, load in enumerate(journal_loads(plant.parameters, plant.rotor).reshape(-1, 2)):
+        place = radius * load / (np.hypot(*load) or 1.0)
+        for column, axis in enumerate("xy".index(name) for name in plant.axes):
+            change = COIL_AXES[:, axis] * step * (plant.bias_currents() > 0.0)
+            there, centred = (
+                static_force(plant, plant.bias_currents() + change, at)[axis]
+                - static_force(plant, plant.bias_currents() - change, at)[axis]
+                for at in (place, np.zeros(2))
+            )
+            if centred:
+                factors[len(plant.axes) * bearing + column] = there / centred
     return factors
