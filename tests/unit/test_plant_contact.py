@@ -1,11 +1,16 @@
 """The backup bearing: rest, bounce, friction, and a rotor that comes back."""
 
+import re
+
 import numpy as np
 import pytest
 
+from amb_core.ground.errors import PlantError
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import AmplifierParameters, Plant, PlantParameters, RotorParameters
-from amb_core.plant.parameters import BackupBearingParameters
+from amb_core.plant.internal_step import contact_limits
+from amb_core.plant.parameters import BackupBearingParameters, RigidRotorParameters
+from amb_core.plant.rotor import contact_mass, rotor_model
 from tests.validation.energy import EnergyAccount
 
 MASS, GRAVITY = 6.25, 9.81
@@ -52,6 +57,49 @@ def test_restitution_of_a_bounce_is_that_of_spring_and_damper_that_only_push(dam
     assert trace.velocity[-1, 1] / arrival == pytest.approx(restitution, rel=1e-3)
     assert account.contact == pytest.approx(0.5 * MASS * arrival**2 * (restitution**2 - 1.0), abs=1e-3 * 0.0078)
     assert abs(account.rotor_residual) < 1e-6
+
+
+def rebound(backup_bearing: BackupBearingParameters, mass: float, arrival: float = 1.0) -> float:
+    """Velocity of a point mass after its bounce over that before, without gravity."""
+    plant = free_rotor(backup_bearing, gravity=0.0, mass=mass, initial_y=-249.9e-6)
+    plant._arrays.bearings[0]["velocity"][1] = -arrival
+    trace = plant.trace((0.0, 0.0))
+    left = np.flatnonzero(trace.contact_force[:, 1])[-1] + 2  # a step has half a step of the force before it
+    return trace.velocity[left, 1] / arrival
+
+
+@pytest.mark.parametrize(
+    ("values", "stated"),
+    [
+        ({"stiffness": 1.7e8, "damping": 0.0}, "stiffness = 1.7e+08 N/m with 0.001 kg at the contact; allowed: at most "
+                                               "4.85e-07 s, or 1.6e+08 N/m"),
+        ({"damping": 2e3}, "damping = 2000 N s/m with 0.001 kg at the contact; allowed: at most 2.5e-07 s, or "
+                           "1e+03 N s/m"),
+    ],
+)  # fmt: skip
+def test_a_contact_that_the_internal_step_does_not_resolve_is_refused(values, stated):
+    message = f"integration.internal_step = 5e-07 s is too long for backup_bearing.{stated}"
+    with pytest.raises(PlantError, match=f"^{re.escape(message)}$"):
+        free_rotor(BackupBearingParameters(contact=True, **values), mass=1e-3)
+    free_rotor(BackupBearingParameters(contact=False, **values), mass=1e-3)
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_at_the_limits_of_the_step_a_bounce_is_that_of_spring_and_damper(damped):
+    """With both, rate c / (2 m) and natural frequency sqrt(k / m) make a restitution of 0.1."""
+    stiffest, strongest = contact_limits(PlantParameters(rotor=RotorParameters(mass=1e-3)), None)
+    damping = strongest if damped else 0.0
+    contact = BackupBearingParameters(contact=True, stiffness=stiffest, damping=damping, friction=0.0)
+    assert rebound(contact, 1e-3) == (pytest.approx(0.1, abs=0.03) if damped else pytest.approx(1.0, abs=0.008))
+
+
+def test_at_the_contact_of_a_rotor_in_two_bearings_moves_its_softest_motion():
+    """Of a symmetric rigid rotor: half of it in translation, or I_t / (2 z^2) in tilt, whatever is less."""
+    for inertia, least in ((0.25, 0.25 / (2.0 * 0.15**2)), (1.0, 12.5 / 2.0)):
+        parameters = PlantParameters(
+            rotor=RotorParameters(model="rigid"), rigid_rotor=RigidRotorParameters(transverse_inertia=inertia)
+        )
+        assert contact_mass(parameters, rotor_model(parameters)) == pytest.approx(least)
 
 
 def test_friction_against_a_turning_journal_drives_it_backwards():

@@ -12,6 +12,7 @@ from amb_core.designs.tuning import (
     Bearing,
     BearingDesign,
     design_bearing,
+    lift_off,
     lift_off_current,
     parameter_file_of,
     plant_of,
@@ -22,7 +23,7 @@ from amb_core.designs.tuning.loop_family import LoopFamily, gain_margins
 from amb_core.designs.tuning.sizing import sizing_of
 from amb_core.designs.tuning.stability_chart import stability_chart
 from amb_core.ground.errors import ParameterError, PlantError
-from amb_core.ground.parameters import load_parameters, validate
+from amb_core.ground.parameters import flatten, load_parameters, validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, describe, linearize
 from amb_core.plant.averaged import coil_references
@@ -99,6 +100,15 @@ def test_a_bias_that_saturates_the_iron_is_refused_with_what_would_do() -> None:
     with pytest.raises(PlantError, match=r"flux density of 1\.94 T.*allowed: up to 1 T, .* of 1\.55 A, 92 turns or"):
         design_bearing(Bearing(**wish))
     assert design_bearing(Bearing(**wish | {"turns": 92, "voltage": 150.0})).lift_off.levitated
+
+
+def test_a_light_rotor_lifts_off_from_a_backup_bearing_as_soft_as_its_internal_step_needs() -> None:
+    magnets = {"gap": 0.3e-3, "turns": 100, "pole_width": 2e-3, "length": 4e-3, "journal_diameter": 8e-3}
+    design = design_bearing(Bearing(**magnets, mass=1e-3, bias_current=0.2, voltage=30.0, sample_rate=20_000.0))
+    stiff = {**flatten(design.plant.model_dump()), "backup_bearing.damping": 1e4}
+    with pytest.raises(PlantError, match=r"too long for backup_bearing\.damping = 10000 N s/m"):
+        Plant(validate(PlantParameters, {**stiff, "backup_bearing.contact": True}))
+    assert lift_off(validate(PlantParameters, stiff), design.tuned.controller).levitated
 
 
 def test_closed_forms_are_those_of_the_plant(design: BearingDesign) -> None:

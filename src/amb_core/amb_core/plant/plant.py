@@ -67,8 +67,7 @@ class Plant:
     Raises
     ------
     PlantError
-        If the internal step is too long for the eddy currents of the magnetic circuit, or a file of iron or rotor data
-        is refused.
+        If the internal step is too long (`amb_core.plant.internal_step`), or a file of iron or rotor data is refused.
     """
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:

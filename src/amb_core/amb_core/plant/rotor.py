@@ -107,6 +107,14 @@ def rotor_mass(parameters: PlantParameters, rotor: RotorModel | None) -> float:
     return float(lifted @ rotor.mass @ lifted)
 
 
+def contact_mass(parameters: PlantParameters, rotor: RotorModel | None) -> float:
+    """Least mass that a force on the journals moves (kg): the point mass where there is no rotor in two bearings."""
+    if rotor is None:
+        return parameters.rotor.mass
+    by_force = rotor.bearings @ np.linalg.solve(rotor.mass, rotor.bearings.T)
+    return float(1.0 / np.linalg.eigvalsh(by_force).max())
+
+
 def journal_loads(parameters: PlantParameters, rotor: RotorModel | None) -> NDArray[np.float64]:
     """Weight and constant external force that rest on the bearings (N), shape (2 * bearings,): x, y of each."""
     loads = np.zeros(2 if rotor is None else 4)

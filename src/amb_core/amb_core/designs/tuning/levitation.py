@@ -16,8 +16,9 @@ from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.averaged import coil_references
+from amb_core.plant.internal_step import contact_limits
 from amb_core.plant.operating_point import static_force
-from amb_core.plant.rotor import rotor_mass
+from amb_core.plant.rotor import rotor_mass, rotor_model
 from amb_core.plant.simulation import simulate
 
 DURATION = 0.5  # s; a rotor that rises does so within a few periods of some 50 Hz
@@ -118,9 +119,16 @@ def lift_off_current(parameters: PlantParameters) -> float:
 
 
 def _lying(parameters: PlantParameters) -> PlantParameters:
-    """The plant with its rotor on the backup bearing, with contact."""
-    low = -RESTING * parameters.rotor.backup_bearing_radius
-    changes = {"rotor.initial_x": 0.0, "rotor.initial_y": low, "backup_bearing.contact": True}
+    """The plant with its rotor on the backup bearing, with contact, for a light rotor as soft as its step needs."""
+    rotor = None if parameters.rotor.model == "point_mass" else rotor_model(parameters)
+    stiffest, strongest = contact_limits(parameters, rotor)
+    changes = {
+        "rotor.initial_x": 0.0,
+        "rotor.initial_y": -RESTING * parameters.rotor.backup_bearing_radius,
+        "backup_bearing.contact": True,
+        "backup_bearing.stiffness": min(parameters.backup_bearing.stiffness, stiffest),
+        "backup_bearing.damping": min(parameters.backup_bearing.damping, strongest),
+    }
     return validate(PlantParameters, {**flatten(parameters.model_dump()), **changes})
 
 
