@@ -42,7 +42,18 @@ def test_inductance_and_slew_rate_are_those_of_two_gaps_in_series():
     circuit = MagneticCircuitParameters(relative_permeability=1e12, coupling=False)
     description = describe(PlantParameters(magnetic_circuit=circuit))
     assert description.coil_inductance == pytest.approx(7.15e-3, rel=1e-3)
-    assert description.slew_rate == pytest.approx(2.1e4, rel=5e-3)
+    left = 150.0 - 0.2 * (3.0 + 6.25 * 9.81 / 66.0)  # V, less what the resistance takes at rest
+    assert description.slew_rate == pytest.approx(left / 7.15e-3, rel=2e-3)
+
+
+def test_the_slew_rate_of_a_resistive_coil_is_that_of_the_voltage_that_the_current_at_rest_leaves():
+    ideal, resistive = (
+        describe(PlantParameters(magnetic_circuit=MagneticCircuitParameters(coil_resistance=resistance)))
+        for resistance in (0.0, 20.0)
+    )
+    at_rest = 3.0 + ControllerParameters().proportional_gain * resistive.sag
+    assert ideal.slew_rate * ideal.coil_inductance == pytest.approx(150.0)
+    assert resistive.slew_rate * resistive.coil_inductance == pytest.approx(150.0 - 20.0 * at_rest)
 
 
 def test_paper_bearing_has_its_natural_frequency_damping_and_sag(paper):

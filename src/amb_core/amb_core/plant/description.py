@@ -17,6 +17,7 @@ from amb_core.plant.operating_point import static_force
 from amb_core.plant.parameters import PlantParameters
 from amb_core.plant.plant import Plant
 from amb_core.plant.switching_loss import switching_loss
+from amb_core.plant.voltage import slew_voltage
 
 _RELATIVE_STEP = 1e-5
 """Step of the central differences of the static force, over the air gap or 1 A."""
@@ -91,7 +92,7 @@ class PlantDescription:
     negative_stiffness: float = _entry("k_s: force per displacement, away from the centre", "N/m")
     coil_inductance: float = _entry("L0: self-inductance of an electromagnet", "H")
     bias_flux_density: float = _entry("mean flux density in the air gaps", "T")
-    slew_rate: float | None = _entry("change of a coil current at the duty limit: mean voltage over L0", "A/s")
+    slew_rate: float | None = _entry("change of a coil current: the voltage that its resistance leaves, over L0", "A/s")
     eddy_time_constant: float = _entry("longest lag of the flux behind the coil currents", "s")
     switching_loss: float = _entry("eddy-current loss by the switching, as the laminations are modelled", "W")
     switching_loss_diffusion: float = _entry("the same with iron.laminations: diffusion, without its error", "W")
@@ -141,6 +142,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     along_x, along_y = (model.rigid_mode(name) for name in plant.machine.axis_names[:2])
     circuit, amplifier = parameters.magnetic_circuit, parameters.amplifier
     inductance = _coil_inductance(plant)
+    slewing = slew_voltage(parameters, model.point.current_reference[:2])
     bias_flux = plant.static_flux(plant.bias_currents(), 0.0, 0.0)
     poles = [pole for coil in active_coils(circuit) for pole in COIL_POLES[coil]]
     return PlantDescription(
@@ -148,9 +150,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
         negative_stiffness=_slope(lambda displacement: _force(plant, 0.0, displacement), circuit.air_gap),
         coil_inductance=inductance,
         bias_flux_density=float(np.abs(bias_flux[poles]).mean() / plant.network.pole_area),
-        slew_rate=amplifier.supply_voltage * (2.0 * amplifier.maximum_duty - 1.0) / inductance
-        if amplifier.limits
-        else None,
+        slew_rate=slewing / inductance if amplifier.limits else None,
         eddy_time_constant=_eddy_time_constant(plant),
         switching_loss=switching_loss(parameters),
         switching_loss_diffusion=switching_loss(_with_diffusion(parameters)),

@@ -18,6 +18,7 @@ from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters
 from amb_core.plant.closed_forms import inductance
 from amb_core.plant.linearise import linearize
+from amb_core.plant.voltage import largest_mean_voltage, slew_voltage
 
 
 @dataclass(frozen=True)
@@ -108,15 +109,14 @@ def effective_current_limit(plant: PlantParameters, controller: ControllerParame
         limits.append(amplifier.current_limit - amplifier.bias_current)
         resistance = plant.magnetic_circuit.coil_resistance
         if resistance > 0.0:
-            limits.append(max(_largest_mean_voltage(plant) / resistance - amplifier.bias_current, 0.0))
+            limits.append(max(largest_mean_voltage(plant) / resistance - amplifier.bias_current, 0.0))
     return min(limits)
 
 
 def slew_rate(plant: PlantParameters, static_current: NDArray[np.float64]) -> float | None:
     """Fastest change of a coil current at rest by the largest mean voltage (A/s); None for ideal amplifiers.
 
-    The voltage drives the current through the resistance of the coil too: at rest the highest coil current is the bias
-    current and the larger of the static currents.
+    The voltage drives the current through the resistance of the coil too, see `amb_core.plant.voltage`.
 
     Parameters
     ----------
@@ -125,13 +125,6 @@ def slew_rate(plant: PlantParameters, static_current: NDArray[np.float64]) -> fl
     static_current : ndarray, shape (2,)
         Control currents that hold the rotor at rest (A).
     """
-    amplifier, circuit = plant.amplifier, plant.magnetic_circuit
-    if not amplifier.limits:
+    if not plant.amplifier.limits:
         return None
-    highest = amplifier.bias_current + float(np.max(np.abs(static_current)))
-    left = _largest_mean_voltage(plant) - circuit.coil_resistance * highest
-    return max(left, 0.0) / inductance(circuit)
-
-
-def _largest_mean_voltage(plant: PlantParameters) -> float:
-    return plant.amplifier.supply_voltage * (2.0 * plant.amplifier.maximum_duty - 1.0)
+    return slew_voltage(plant, static_current) / inductance(plant.magnetic_circuit)

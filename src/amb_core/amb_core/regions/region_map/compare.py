@@ -143,7 +143,7 @@ def analytic_lines(
         amplitudes["static-load limit"] = lines.bias_limit(frequency, controller, limit - static_current)
     if plant.amplifier.unipolar and bias > 0.0:
         amplitudes["bias limit"] = lines.bias_limit(frequency, controller, bias)
-    if constants.slew_rate is not None:
+    if constants.slew_rate:
         amplitudes["slew limit"] = lines.slew_limit(frequency, controller, constants.slew_rate)
     if limit > 0.0 and constants.current_gain * controller.proportional_gain > constants.negative_stiffness:
         gains = constants.current_gain, constants.negative_stiffness
