@@ -37,6 +37,31 @@ def test_a_file_that_exists_is_replaced_only_if_told(tmp_path: Path) -> None:
     assert out.read_text() != "mine"
 
 
+@pytest.mark.parametrize(
+    ("words", "out", "beside"),
+    [
+        (["report", str(DATA / "suffixes.csv"), "--pdf"], "page.html", "page.pdf"),
+        (["plant", "ross", "rotor.toml"], "rotor.yaml", "rotor.npz"),
+    ],
+)
+def test_a_file_beside_the_named_one_is_replaced_only_if_told(
+    tmp_path: Path, words: list[str], out: str, beside: str
+) -> None:
+    theirs = tmp_path / beside
+    theirs.write_text("mine")
+    result = CliRunner().invoke(app, [*words, "--out", str(tmp_path / out)])
+    assert str(result.exception) == f"{theirs}: exists already; give another name, or --overwrite"
+    assert theirs.read_text() == "mine"
+
+
+def test_a_pdf_that_is_not_asked_for_stays(tmp_path: Path) -> None:
+    theirs = tmp_path / "page.pdf"
+    theirs.write_text("mine")
+    result = CliRunner().invoke(app, ["report", str(tmp_path / "no_bag"), "--out", str(tmp_path / "page.html")])
+    assert "exists already" not in str(result.exception)
+    assert theirs.read_text() == "mine"
+
+
 def test_a_folder_with_files_of_others_is_used_only_if_told(tmp_path: Path) -> None:
     out = tmp_path / "results"
     out.mkdir()

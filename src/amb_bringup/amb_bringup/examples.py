@@ -43,7 +43,7 @@ EXAMPLES = {
     "plant figures": "--params my_bearing.yaml --out results/plant",
     "plant modes": "--params my_rotor.yaml",
     "plant campbell": "--params my_rotor.yaml --max-speed 30000",
-    "plant shaft": "--length 0.6m --diameter 40mm --bearings 0.2m --out shaft.yaml",
+    "plant shaft": "--length 0.6m --diameter 40mm --bearings 0.2m --out shaft.npz",
     "plant ross": "rotor.toml --bearing-nodes 2,8 --out rotor.yaml",
     "reproduce": "--only fig2",
     "run": "amb_sim_node simulator --ros-args --params-file my_bearing.yaml",

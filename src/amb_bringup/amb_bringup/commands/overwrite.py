@@ -1,12 +1,14 @@
 """One rule for all commands that write: what a user has there is replaced only with --overwrite.
 
-A file that a user names must not exist. A folder must be new, empty, or one in which a command has written before, as
-its file `.amb` shows. The default places in `results` belong to the commands.
+A file that a user names must not exist, nor one that a command writes beside it by the same name. A folder must be
+new, empty, or one in which a command has written before, as its file `.amb` shows. The default places in `results`
+belong to the commands.
 """
 
 from __future__ import annotations
 
 import inspect
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -19,6 +21,8 @@ from amb_core.ground.files.regular_files import is_folder, shown
 
 PLACES = ("out", "results", "figures", "save_description")
 """Options that name what a command writes."""
+BESIDE = {"report": (".pdf", "pdf"), "ross": (".npz", "")}
+"""Commands that write another file beside the one of --out: its ending, and the option that asks for it, if any."""
 MARK = ".amb"
 """File in a folder in which a command has written."""
 
@@ -43,7 +47,7 @@ def with_overwrite(command: Command) -> Command:
         overwrite = values.pop("overwrite")
         named = [Path(values[name]) for name in places if values[name] not in (None, defaults[name])]
         if not overwrite:
-            for path in named:
+            for path in [*named, *_beside(command.__name__, values, named)]:
                 refuse_replacement(path)
         try:
             command(**values)
@@ -71,6 +75,15 @@ def refuse_replacement(path: Path) -> None:
             raise ResultError(f"folder {shown(path)}: has files of others; give a new folder, or --overwrite")
     elif path.exists() and path.suffix:  # a name without an ending is that of a folder, which cannot be made here
         raise ResultError(f"{shown(path)}: exists already; give another name, or --overwrite")
+
+
+def _beside(command: str, values: Mapping[str, Any], named: list[Path]) -> list[Path]:
+    """The file that a command writes beside the one of --out; none beside a folder."""
+    ending, option = BESIDE.get(command, ("", ""))
+    out = Path(values["out"]) if ending and values["out"] is not None else None
+    if out not in named or not out.suffix or is_folder(out) or (option and not values[option]):
+        return []
+    return [out.with_suffix(ending)]
 
 
 def _mark(path: Path) -> None:
