@@ -20,7 +20,7 @@ from amb_bringup.view.samples import FRAME, Seen
 from amb_bringup.view.server import ViewError, ViewServer
 from amb_core.excitation import KINDS
 from amb_core.ground.errors import AmbError
-from amb_msgs.msg import AxisSamples, BridgeState, LoopSamples, RegionState
+from amb_msgs.msg import AxisSamples, BridgeState, LoopSamples, RegionState, SimulatorState
 
 
 @pytest.mark.parametrize(
@@ -215,6 +215,31 @@ def test_what_a_silent_node_told_is_named_as_of_before_while_others_report() -> 
     now = 4.0 * SILENCE
     assert hear(names[0], names[3]) == ["region", "excitation"]
     assert picture.sections["graph"]["alive"]
+
+
+def test_nodes_of_other_namespaces_say_nothing_of_the_graph() -> None:
+    now = 0.0
+    picture = Picture(lambda: now, "rig1")
+
+    def hear(*names: str) -> tuple[list[str], bool]:
+        status = [DiagnosticStatus(name=name, message="running") for name in names]
+        picture.take("/diagnostics", DiagnosticArray(status=status), 0)
+        picture.update()
+        return list(picture.sections["away"]), picture.sections["graph"]["alive"]
+
+    picture.take("simulator/state", SimulatorState(run=1), 0)
+    assert hear("rig2/simulator") == ([], False)
+    assert hear("rig1/simulator", "rig1/recorder") == ([], True)
+    now = 2.0 * SILENCE
+    assert hear("rig2/simulator", "rig1/recorder") == (["plant"], True)
+    now = 4.0 * SILENCE
+    assert hear("rig1/inner/simulator", "rig2/simulator") == (["plant"], False)
+    assert set(picture.sections["nodes"]) == {
+        "rig1/inner/simulator",
+        "rig1/recorder",
+        "rig1/simulator",
+        "rig2/simulator",
+    }
 
 
 def test_a_graph_whose_nodes_are_silent_counts_as_away_until_one_reports() -> None:

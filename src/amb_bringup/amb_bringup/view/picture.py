@@ -30,7 +30,7 @@ KEPT_NODES = 64
 LONGEST_TEXT = 500  # characters of a text of a message
 SILENCE = 2.5  # s without diagnostics after which a node counts as away; nodes report twice a second
 PUBLISHERS = {"region": "region_monitor", "excitation": "excitation_generator"}
-"""Sections that one node reports, besides the plant."""
+"""Sections that one node of the graph reports, besides the plant."""
 PLANTS = {"simulator": "simulator", "rig": BRIDGE_NODE}
 LOG_LEVELS = {10: "debug", 20: "info", 30: "warn", 40: "error", 50: "fatal"}
 HEALTH = ("ok", "warn", "error", "stale")
@@ -38,6 +38,13 @@ HEALTH = ("ok", "warn", "error", "stale")
 
 class Picture:
     """The state of the graph, as sections by name; a section is replaced when it changes.
+
+    Parameters
+    ----------
+    clock : callable, optional
+        Returns the time (s).
+    namespace : str, optional
+        Namespace of the nodes of the graph. Others are listed with them, and say nothing of the graph.
 
     Attributes
     ----------
@@ -51,12 +58,13 @@ class Picture:
         `simulator` or `bridge`, as topic `machine` gives it; empty before.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, namespace: str = topics.NAMESPACE) -> None:
         self.samples = SampleDisplay()
         self.sections: dict[str, Any] = {"trips": [], "nodes": {}}
         self.log: deque[dict[str, Any]] = deque(maxlen=KEPT_LINES)
         self.source = ""
         self._clock = clock
+        self._namespace = namespace.strip("/")
         self._lines = 0
         self._layout_of = -1
         self._heard: dict[str, tuple[float, dict[str, str]]] = {}  # by node: when, and its report
@@ -101,11 +109,14 @@ class Picture:
             name: {**report, "away": now - heard > SILENCE} for name, (heard, report) in sorted(self._heard.items())
         }
         samples = self.samples
+        own = {
+            name: bool(report["away"]) for name, report in nodes.items() if name.rpartition("/")[0] == self._namespace
+        }
         self.sections["nodes"] = nodes
-        self.sections["away"] = self._sections_away(nodes)
+        self.sections["away"] = self._sections_away(own)
         self.sections["graph"] = {
-            "alive": any(not report["away"] for report in nodes.values()),
-            "known": bool(nodes),
+            "alive": not all(own.values()),
+            "known": bool(own),
             "rate": round(samples.rate, 1),
             "sampleRate": round(1.0 / samples.sample_time, 6) if samples.sample_time else None,
             "lost": samples.lost,
@@ -114,16 +125,14 @@ class Picture:
             self._layout_of = samples.epoch
             self.sections["layout"] = samples.layout()
 
-    def _sections_away(self, nodes: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    def _sections_away(self, away: Mapping[str, bool]) -> list[str]:
         """The sections whose node is away: what they hold is the last of it. A node that never reported is not."""
-        by_name: dict[str, bool] = {}
-        for name, report in nodes.items():
-            own = name.rpartition("/")[2]
-            by_name[own] = by_name.get(own, True) and bool(report["away"])
         publishers = dict(PUBLISHERS)
         if "plant" in self.sections:
             publishers["plant"] = PLANTS[self.sections["plant"]["what"]]
-        return [section for section, node in publishers.items() if by_name.get(node, False)]
+        return [
+            section for section, node in publishers.items() if away.get(f"{self._namespace}/{node}".lstrip("/"), False)
+        ]
 
     def _refuse(self, topic: str, problem: str) -> None:
         if self._refused.get(topic) != problem:  # not the same line a hundred times a second
