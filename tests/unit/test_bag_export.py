@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,14 +14,18 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.commands.results import new_file
-from amb_core.data.analysis import read
-from amb_core.data.experiments import DataDescription
+from amb_core.data.analysis import read, read_recording
+from amb_core.data.analysis.recorded_regions import classify_run
+from amb_core.data.experiments import DataDescription, write_data
+from amb_core.data.experiments.checks import check_region
 from amb_core.ground.errors import AmbError, BagError
 from amb_core.ground.files.matlab import load_variables
+from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord, axis_names
 from amb_core.recording import BagWriter, Recording
 from amb_core.recording.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
-from tests.bag_messages import TELEMETRY, TYPES, definition, telemetry
+from amb_core.regions import Region
+from tests.bag_messages import MACHINE, TELEMETRY, TYPES, definition, machine_message, telemetry
 
 NO_LOOP = DataDescription.of(controller="none")
 ENDINGS = (".csv", ".mat", ".parquet")
@@ -139,6 +143,62 @@ def test_names_with_commas_and_quotes_are_quoted_in_a_csv_file(tmp_path: Path) -
     table = read(export(write_bag(tmp_path / "bag", record, whole(1000)), tmp_path / "run.csv"), NO_LOOP).data
     assert table.output_names == record.axes
     assert table.experiments[0].outputs.tobytes() == record.position.tobytes()
+
+
+# -- clearances
+
+
+def write_fall(folder: Path, clearances: Sequence[float] = (140e-6, 200e-6)) -> Path:
+    """A bag of a machine with two axes in a bearing each: after 1 s the first lies 150 um beside its centre."""
+    steps, random = 20_000, np.random.default_rng(0)
+    reference = 5e-6 * np.sin(2.0 * np.pi * 300.0 * np.arange(steps) / RATE)[:, np.newaxis] * np.ones(2)
+    position = 0.3 * reference + 5e-8 * random.standard_normal((steps, 2))
+    position[steps // 2 :, 0] += 150e-6
+    record = LoopRecord(0, 1.0 / RATE, reference, position, 8e3 * (reference - position), ("u", "v"))
+    machine = Machine(
+        "seesaw", "bridge", RATE,
+        tuple(MachineAxis(name, f"at_{name}", 0.0, 0.0, (1.0, 0.0, 0.0), 2.0, 3.0) for name in record.axes),
+        tuple(MachineBearing(f"at_{name}", value) for name, value in zip(record.axes, clearances, strict=True)),
+    )  # fmt: skip
+    with BagWriter(folder) as bag:
+        bag.add_topic("/amb/machine", MACHINE, definition(MACHINE))
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        bag.write("/amb/machine", machine_message(machine), 10**18)
+        for number, first in enumerate(range(0, steps, 1000)):
+            bag.write("/amb/telemetry", telemetry(record.window(first, 1000)), 10**18 + number)
+    return folder
+
+
+def delevitations(path: Path) -> tuple[int | None, bool]:
+    """Step at which region D begins, and whether it was judged on every axis."""
+    recording, _ = read_recording(path)
+    found = classify_run(recording).classification
+    onset = found.onsets.get(Region.D)
+    return None if onset is None else onset.step, all(found.judged.contact.values())
+
+
+@pytest.mark.parametrize("ending", [".mat", ".parquet"])
+def test_a_table_has_the_verdict_on_delevitation_of_its_bag(ending: str, tmp_path: Path) -> None:
+    bag, out = write_fall(tmp_path / "bag"), tmp_path / f"run{ending}"
+    assert CliRunner().invoke(app, ["bag", "export", str(bag), f"--{ending[1:]}", "--out", str(out)]).exit_code == 0
+    assert read(out, NO_LOOP).data.clearance == read(bag, NO_LOOP).data.clearance == {"u": 140e-6, "v": 200e-6}
+    assert delevitations(out) == delevitations(bag) == (10_000, True)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".mat", ".npz"])
+def test_saved_data_have_the_verdict_on_delevitation_of_their_bag(ending: str, tmp_path: Path) -> None:
+    bag, out = write_fall(tmp_path / "bag"), tmp_path / f"data{ending}"
+    write_data(read(bag, NO_LOOP).data, out)
+    assert read(out, NO_LOOP).data.clearance == {"u": 140e-6, "v": 200e-6}
+    assert delevitations(out) == delevitations(bag) == (10_000, True)
+    assert check_region(read(out, NO_LOOP).data) == check_region(read(bag, NO_LOOP).data)
+
+
+def test_an_exported_text_is_said_to_lack_the_clearance(tmp_path: Path) -> None:
+    bag, out = write_fall(tmp_path / "bag", (140e-6, 140e-6)), tmp_path / "run.csv"
+    said = CliRunner().invoke(app, ["bag", "export", str(bag), "--csv", "--out", str(out)]).output
+    assert "not in a .csv file: the clearances (u 140 um, v 140 um)" in said
+    assert "--clearance 140um" in said
 
 
 # -- PlotJuggler and Foxglove

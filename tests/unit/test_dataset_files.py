@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -74,7 +74,16 @@ def datasets(draw: st.DrawFn) -> IdentificationData:
     names = draw(st.lists(NAMES, min_size=m + p, max_size=m + p, unique=True))
     units = draw(st.lists(NAMES | st.just(""), min_size=m + p, max_size=m + p))
     sample_time = draw(st.floats(1e-9, 1e3))
-    return IdentificationData(tuple(experiments), sample_time, names[:m], names[m:], units[:m], units[m:])  # type: ignore[arg-type]
+    clearance = draw(st.dictionaries(st.sampled_from(names[m:]), st.floats(1e-6, 1e-2)))
+    return IdentificationData(
+        tuple(experiments),
+        sample_time,
+        names[:m],
+        names[m:],
+        units[:m],
+        units[m:],
+        clearance=clearance,  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -101,6 +110,29 @@ def small(steps: int = 6, reference: bool = True) -> IdentificationData:
         input_units=["A", "A"],
         output_units=["m", "m"],
     )
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_data_without_a_known_clearance_are_written_as_in_version_0_1(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"data.{ending}"
+    write_data(small(), path)
+    assert b"earance" not in path.read_bytes()
+    assert read(path).data.clearance == {}
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_the_clearance_that_a_user_gives_replaces_that_of_the_file(ending: str, tmp_path: Path) -> None:
+    path = tmp_path / f"data.{ending}"
+    write_data(replace(small(), clearance={"x": 2.5e-4}), path)
+    assert read(path, clearance="100um").data.clearance == {"x": 1e-4, "y": 1e-4}
+
+
+def test_a_clearance_in_a_unit_of_no_length_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "data.csv"
+    write_data(replace(small(), clearance={"x": 2.5e-4}), path)
+    path.write_text(path.read_text().replace('"clearance_unit": "m"', '"clearance_unit": "A"'))
+    with pytest.raises(IdentificationError, match=r"has 2 clearances in A; allowed: one for each of x, y, in m, cm"):
+        read(path)
 
 
 def test_a_csv_file_has_names_units_and_times(tmp_path: Path) -> None:

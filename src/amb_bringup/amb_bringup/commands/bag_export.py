@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -65,6 +66,9 @@ def export(
     Times are those of the run, from 0. Missing samples stay missing. The bag is not changed.
     """
     chosen = {"csv": csv, "mat": mat, "parquet": parquet, "plotjuggler": plotjuggler, "foxglove": foxglove}
+    from amb_core.data.analysis.recorded_clearance import recorded_clearance
+    from amb_core.data.tables.clearances import clearance_fields
+    from amb_core.recording import Recording
     from amb_core.recording.export import RunTelemetry, write_foxglove, write_plotjuggler, write_table
     from amb_core.recording.export.layouts import foxglove_layout, plotjuggler_layout
 
@@ -89,19 +93,32 @@ def export(
         stages = files.enter_context(Stages(console, "steps"))
         telemetry = RunTelemetry(bag, run, start, end, stages.update)
         if form in TABLES:
-            write_table(telemetry, part, wanted)
+            clearance = recorded_clearance(
+                Recording.read_description(bag, telemetry.run, telemetry.spans[0][0]), telemetry.axes
+            )
+            write_table(telemetry, part, wanted, clearance_fields(clearance))
         else:
             tools[form][0](telemetry, part, wanted)
         if beside:
             beside.write_text(tools[form][1](telemetry.axes), encoding="utf-8")
     warn_of_damage(console, bag, telemetry.damage)
     _show(console, telemetry, path)
+    if csv and clearance:
+        console.print(f"not in a .csv file: {_clearances(clearance)}", highlight=False)
     if layout:
         console.print(f"layout: {_layout_beside(path, form)}", highlight=False, markup=False, soft_wrap=True)
 
 
 def _layout_beside(path: Path, form: str) -> Path:
     return path.with_suffix(LAYOUTS[form])
+
+
+def _clearances(clearance: Mapping[str, float]) -> str:
+    """The clearances as the user gives them when such a file is read."""
+    radial = {value for axis, value in clearance.items() if not axis.startswith("z")}
+    known = ", ".join(f"{axis} {1e6 * value:g} um" for axis, value in clearance.items())
+    option = f"; commands that read it take --clearance {1e6 * radial.pop():g}um" if len(radial) == 1 else ""
+    return f"the clearances ({known}){option}"
 
 
 def _show(console: Console, telemetry: RunTelemetry, path: Path) -> None:

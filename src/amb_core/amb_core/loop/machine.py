@@ -127,6 +127,13 @@ class Machine:
         """Names of the axes, in order."""
         return tuple(axis.name for axis in self.axes)
 
+    @property
+    def clearances(self) -> dict[str, float]:
+        """Displacement at which the rotor touches the backup bearing (m), by axis where it is known."""
+        of_bearing = {bearing.name: bearing.clearance for bearing in self.bearings}
+        every = {axis.name: of_bearing[axis.bearing] for axis in self.axes}
+        return {axis: clearance for axis, clearance in every.items() if 0.0 < clearance < math.inf}
+
     def columns_of(self, bearing: str) -> list[int]:
         """The axes of a bearing, as columns of arrays of samples.
 

@@ -7,7 +7,7 @@ Topics are found by message type, so a bag from any namespace can be read.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -50,6 +50,8 @@ KEPT = (
 """Message types that the library reads, except those of single samples, since there are too many of these."""
 OF_STRETCH = (LOOP_SAMPLES, MACHINE, EXCITATION, EXCITATION_STATUS, STATE_SPACE_MODEL, PARAMETER_EVENT)
 """Those that data of a stretch of telemetry need."""
+DESCRIBING = (MACHINE, PARAMETER_EVENT)
+"""Those that describe a machine and its nodes."""
 
 
 class BagContent:
@@ -64,6 +66,8 @@ class BagContent:
     stretch : (int or None, int, int), optional
         Run (None for the last), first step and step after the last: where the files have an index, only what belongs to
         this telemetry is read.
+    kept : sequence of str, optional
+        Message types that are kept where there is no index.
 
     Attributes
     ----------
@@ -79,14 +83,16 @@ class BagContent:
         Why it cannot be read to its end; empty for a complete bag.
     """
 
-    def __init__(self, path: Path, stretch: tuple[int | None, int, int] | None = None) -> None:
+    def __init__(
+        self, path: Path, stretch: tuple[int | None, int, int] | None = None, kept: Sequence[str] = KEPT
+    ) -> None:
         self.path = path
         self._reader = BagApart(path)
         survey = None
         if stretch is not None:
             survey = self._reader.call("survey", OF_STRETCH, [LOOP_SAMPLES, *stretch])
         if survey is None:
-            survey = self._reader.call("survey", KEPT)
+            survey = self._reader.call("survey", kept)
         self.topics = [TopicInfo(*topic) for topic in survey["counts"]]
         self.start = survey["start"]
         self.duration = survey["duration"]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.parameters import part_of
 from amb_core.loop.experiments import controller_of, controller_of_bridge, linear_controller_of
-from amb_core.recording.content import BagContent
+from amb_core.recording.content import DESCRIBING, BagContent
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_core.recording.recorded_runs import RecordedRuns
@@ -49,6 +49,8 @@ class Recording(RecordedRuns):
     clearance : float or None
         Displacement from the centre at which the rotor touches its radial bearings (m), where a user gives it: it
         replaces what was recorded.
+    clearance_of_axis : mapping of str to float
+        Clearances (m) by axis that a file of data has in place of a recorded machine.
     """
 
     def __init__(self, content: BagContent) -> None:
@@ -58,6 +60,7 @@ class Recording(RecordedRuns):
         self.duration = content.duration
         self.truncated = content.truncated
         self.clearance: float | None = None
+        self.clearance_of_axis: Mapping[str, float] = {}
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:
@@ -106,6 +109,33 @@ class Recording(RecordedRuns):
         stretch = cls(BagContent(Path(path), (run, first_step, stop)))
         covered = any(start <= first_step and stop <= end for start, end in stretch.spans(run))
         return stretch if covered else cls.read(path)
+
+    @classmethod
+    def read_description(cls, path: str | Path, run: int, step: int) -> Recording:
+        """Read what describes the machine and the nodes of a run, and no more telemetry than a step of it.
+
+        Where the files have an index, no more than this is read.
+
+        Parameters
+        ----------
+        path : str or Path
+            Folder or file of the bag.
+        run : int
+            Number of the run.
+        step : int
+            A step that the run has.
+
+        Returns
+        -------
+        Recording
+            A recording with machine and parameters.
+
+        Raises
+        ------
+        BagError
+            If there is no bag, or if no message of a damaged one can be read.
+        """
+        return cls(BagContent(Path(path), (run, step, step + 1), DESCRIBING))
 
     @property
     def content(self) -> BagContent:

@@ -109,6 +109,7 @@ def read_recording(
     if recording is None or not _as_it_is(recording, known):
         data, described = _data(path, recording, known)
         recording = Recording(FileContent(path, data))
+        recording.clearance_of_axis = data.clearance
     recording.clearance = known.clearance
     return recording, described
 
@@ -149,7 +150,8 @@ def _data(
 
 
 def _with_clearance(data: IdentificationData, known: DataDescription) -> IdentificationData:
-    return replace(data, clearance=radial_clearance(data.output_names, known.clearance))
+    """Data with the clearances of their file, and in place of them the one that a user gives."""
+    return replace(data, clearance={**data.clearance, **radial_clearance(data.output_names, known.clearance)})
 
 
 def _loop(data: IdentificationData, known: DataDescription, recording: Recording | None = None) -> RecordedLoop:

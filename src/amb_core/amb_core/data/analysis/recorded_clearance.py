@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from amb_core.ground.parameters import part_of
+from amb_core.loop.machine import Machine
 from amb_core.recording import Recording
+from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.recording import SIMULATOR_NODE
 from amb_core.regions.parameters import RegionParameters
 
 MONITOR_NODE = "region_monitor"
+
+Parameters = Mapping[str, ParameterValue]
 
 
 def radial_clearance(axes: Iterable[str], clearance: float | None) -> dict[str, float]:
@@ -31,8 +34,37 @@ def radial_clearance(axes: Iterable[str], clearance: float | None) -> dict[str, 
     return {} if clearance is None else {axis: clearance for axis in axes if not axis.startswith("z")}
 
 
+def known_clearance(
+    axes: Iterable[str], machine: Machine | None, simulated: Parameters | None, monitored: Parameters | None
+) -> dict[str, float]:
+    """The clearances that a graph knows, running or recorded: from its region monitor, its machine or its simulator.
+
+    Parameters
+    ----------
+    axes : iterable of str
+        Names of the axes.
+    machine : Machine or None
+        As topic `machine` describes it; one with other axes is left out.
+    simulated, monitored : mapping or None
+        Parameters of the simulator and of the region monitor by dotted name. None if they are not known.
+
+    Returns
+    -------
+    dict of str to float
+        By axis, where it is known: displacement from the centre at which the rotor touches its bearing (m).
+    """
+    axes = tuple(axes)
+    radius = (simulated or {}).get("rotor.backup_bearing_radius")
+    known = radial_clearance(axes, radius if isinstance(radius, float) else None)
+    if machine is not None and machine.axis_names == axes:
+        known = machine.clearances
+    given = part_of(RegionParameters, monitored or {}).backup_bearing_radius
+    return known | radial_clearance(axes, given or None)
+
+
 def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, float]:
-    """The clearances that are known of a recording: from its user, its region monitor, its machine or its simulator.
+    """The clearances that are known of a recording: from its user, its file, its region monitor, its
+    machine or its simulator.
 
     Parameters
     ----------
@@ -47,12 +79,7 @@ def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, f
         By axis, where it is known: displacement from the centre at which the rotor touches its bearing (m).
     """
     axes = tuple(axes)
-    simulated = (recording.parameters_of(SIMULATOR_NODE) or {}).get("rotor.backup_bearing_radius")
-    known = radial_clearance(axes, simulated if isinstance(simulated, float) else None)
-    machine = recording.machine()
-    if machine is not None and machine.axis_names == axes:
-        of_bearing = {bearing.name: bearing.clearance for bearing in machine.bearings}
-        clearances = {axis.name: of_bearing[axis.bearing] for axis in machine.axes}
-        known = {axis: clearance for axis, clearance in clearances.items() if 0.0 < clearance < math.inf}
-    monitored = part_of(RegionParameters, recording.parameters_of(MONITOR_NODE) or {}).backup_bearing_radius
-    return known | radial_clearance(axes, monitored or None) | radial_clearance(axes, recording.clearance)
+    simulated, monitored = recording.parameters_of(SIMULATOR_NODE), recording.parameters_of(MONITOR_NODE)
+    known = known_clearance(axes, recording.machine(), simulated, monitored)
+    of_file = {axis: value for axis, value in recording.clearance_of_axis.items() if axis in axes}
+    return known | of_file | radial_clearance(axes, recording.clearance)

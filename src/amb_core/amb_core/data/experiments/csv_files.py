@@ -1,6 +1,7 @@
 """Text files of data: a header with names and units such as `i_x [A]`, then one row for each sample.
 
-They begin with a comment line in JSON for what the columns do not contain: sample time, roles, trends.
+They begin with a comment line in JSON for what the columns do not contain: sample time, roles, trends,
+clearances.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.data.tables import Table
+from amb_core.data.tables.clearances import clearance_row, clearances_of_row
 from amb_core.data.tables.text import WRITTEN
 from amb_core.ground.errors import IdentificationError
 
@@ -27,6 +29,7 @@ def write_csv(data: IdentificationData, path: str | Path) -> None:
     about = {
         "sample_time": data.sample_time,
         **{name: getattr(data, name) for name in _LABELS},
+        **clearance_row(data.output_names, data.clearance),
         "experiments": [
             {
                 "steps": item.steps,
@@ -73,4 +76,6 @@ def data_of_text(table: Table) -> IdentificationData | None:
         reference = rows[:, m + p :] if item["reference"] else None
         others = {name: item[name] for name in ("first_step", "source", *_TRENDS)}
         experiments.append(Experiment(rows[:, :m], rows[:, m : m + p], reference, **others))
-    return IdentificationData(tuple(experiments), about["sample_time"], **{name: about[name] for name in _LABELS})
+    clearance = clearances_of_row(about["output_names"], about)
+    labels = {name: about[name] for name in _LABELS}
+    return IdentificationData(tuple(experiments), about["sample_time"], **labels, clearance=clearance)

@@ -367,6 +367,11 @@ def _data(
         clock.sample_time,
         *(tuple(source[index] for index in part) for source in (names, units) for part in (u, y)),
         foreign=True,
+        clearance={
+            signal.label: table.clearance[name]
+            for signal in signals
+            if signal.role == "output" and (name := signal.column.heading or signal.column.name) in table.clearance
+        },
     )
 
 

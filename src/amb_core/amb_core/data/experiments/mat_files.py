@@ -14,6 +14,7 @@ import numpy as np
 
 from amb_core.data.experiments.dataset import IdentificationData
 from amb_core.data.experiments.experiment import Experiment
+from amb_core.data.tables.clearances import ROW, UNIT, clearance_row, clearances_of_row
 from amb_core.ground.files.matlab import cell, save_variables, texts
 
 _NAMES = {
@@ -22,6 +23,7 @@ _NAMES = {
     "input_units": "InputUnit",
     "output_units": "OutputUnit",
 }
+_CLEARANCES = {ROW: "Clearance", UNIT: "ClearanceUnit"}
 _TRENDS = {"input_trend": "InputTrend", "output_trend": "OutputTrend", "reference_trend": "ReferenceTrend"}
 
 
@@ -37,7 +39,8 @@ def write_mat(data: IdentificationData, path: str | Path) -> None:
     }
     variables |= {matlab: cell(list(getattr(data, name))) for name, matlab in _NAMES.items()}
     variables |= {matlab: cell([getattr(item, name) for item in data.experiments]) for name, matlab in _TRENDS.items()}
-    save_variables(path, variables)
+    clearance = clearance_row(data.output_names, data.clearance)
+    save_variables(path, variables | {_CLEARANCES[name]: value for name, value in clearance.items()})
 
 
 def data_of_variables(content: Mapping[str, Any]) -> IdentificationData | None:
@@ -57,4 +60,6 @@ def data_of_variables(content: Mapping[str, Any]) -> IdentificationData | None:
         for index, source in enumerate(texts(content["Source"]))
     )
     labels: dict[str, Any] = {name: tuple(texts(content[matlab])) for name, matlab in _NAMES.items()}
-    return IdentificationData(experiments, float(content["Ts"].item()), **labels)
+    fields = {name: content[matlab] for name, matlab in _CLEARANCES.items() if matlab in content}
+    clearance = clearances_of_row(labels["output_names"], fields)
+    return IdentificationData(experiments, float(content["Ts"].item()), **labels, clearance=clearance)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.tables.clearances import clearances_in
 from amb_core.data.tables.table import Column, Table, split_unit
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.limits import MOST_COLUMNS
@@ -79,7 +80,8 @@ def table_of_variables(
             for column, (name, unit) in zip(columns, labels, strict=True)
         ]
     columns = _without_struct(_as_iddata(columns, texts))
-    return Table(path, tuple(columns), _sample_time(variables), left_out=_shown(left_out))
+    shown, clearance = _shown(left_out), clearances_in(variables)
+    return Table(path, tuple(columns), _sample_time(variables), left_out=shown, clearance=clearance)
 
 
 def _rows(arrays: Mapping[str, Any], wanted: Sequence[str]) -> int:

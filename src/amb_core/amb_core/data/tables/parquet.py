@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.data.tables.clearances import clearances_in
 from amb_core.data.tables.table import Column, Table, split_unit
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.extras import extra
@@ -28,14 +29,18 @@ def read_parquet_table(path: Path) -> Table:
     IdentificationError
         If no column is of numbers.
     """
-    names, columns, sample_time = read_apart(f"{__name__}:columns_of_file", path, modules=("pyarrow.parquet",))
+    names, columns, sample_time, clearance = read_apart(
+        f"{__name__}:columns_of_file", path, modules=("pyarrow.parquet",)
+    )
     if not columns:
         raise IdentificationError(f"no column is of numbers; there are {', '.join(names) or 'none'}")
-    return Table(str(path), tuple(Column(*column) for column in columns), sample_time)
+    return Table(str(path), tuple(Column(*column) for column in columns), sample_time, clearance=clearance)
 
 
-def columns_of_file(path: str) -> tuple[list[str], list[tuple[str, NDArray[np.float64], str, str]], float | None]:
-    """Names of all columns; name, values, unit and source of those of numbers; and the sample time (s)."""
+def columns_of_file(
+    path: str,
+) -> tuple[list[str], list[tuple[str, NDArray[np.float64], str, str]], float | None, dict[str, float]]:
+    """Names of all columns; name, values, unit and source of those of numbers; sample time (s); clearances (m)."""
     with extra("files"):
         import pyarrow.parquet as parquet  # takes a while to import
 
@@ -50,7 +55,9 @@ def columns_of_file(path: str) -> tuple[list[str], list[tuple[str, NDArray[np.fl
         for name in content.column_names
         for column in _columns(content, name)
     ]
-    return content.column_names, columns, _sample_time(content.schema.metadata or {})
+    metadata = content.schema.metadata or {}
+    beside = {key.decode(errors="replace"): value.decode(errors="replace") for key, value in metadata.items()}
+    return content.column_names, columns, _sample_time(metadata), clearances_in(beside)
 
 
 def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:

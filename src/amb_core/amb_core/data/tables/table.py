@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,8 @@ class Table:
         What was understood that is not plain from the columns.
     about : mapping or None
         What a text of `write_data` has beside the columns; None for another one.
+    clearance : mapping of str to float
+        Clearances (m) that the file has beside the columns, by the name of the column of the position.
     left_out : str
         Variables that are no columns since their length is another one, with their shapes.
     """
@@ -75,6 +77,7 @@ class Table:
     notes: tuple[str, ...] = ()
     about: Mapping[str, Any] | None = None
     left_out: str = ""
+    clearance: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:

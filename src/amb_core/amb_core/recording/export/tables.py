@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 from amb_core.ground.extras import extra
@@ -15,8 +15,12 @@ from amb_core.recording.export.columns import ColumnName, column_names, column_v
 from amb_core.recording.export.mat_columns import write_mat_columns
 from amb_core.recording.export.run_telemetry import RunTelemetry
 
+Beside = Mapping[str, float | str]
 
-def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = ()) -> None:
+
+def write_table(
+    telemetry: RunTelemetry, path: Path, signals: Collection[str] = (), beside: Beside | None = None
+) -> None:
     """Write a run as `.csv`, `.parquet` or `.mat`, by the ending of the name.
 
     Parameters
@@ -27,6 +31,9 @@ def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = 
         The file, which is written from its beginning.
     signals : collection of str, optional
         `reference`, `position` or `current`; by default all of them.
+    beside : mapping of str to float or str, optional
+        What else is known of the run, by name, with the unit of numbers as a text: variables of a MATLAB file, metadata
+        of a Parquet file. A `.csv` has no place for it. None for nothing.
 
     Raises
     ------
@@ -36,10 +43,12 @@ def write_table(telemetry: RunTelemetry, path: Path, signals: Collection[str] = 
         If the file cannot be written.
     """
     names = column_names(telemetry.axes, signals)
-    WRITERS[path.suffix.lower()](telemetry, path, names, signals)
+    WRITERS[path.suffix.lower()](telemetry, path, names, signals, beside or {})
 
 
-def _write_csv(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
+def _write_csv(
+    telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str], beside: Beside
+) -> None:
     with extra("files"):
         import pyarrow as pa
         from pyarrow import csv as pa_csv
@@ -54,28 +63,38 @@ def _write_csv(telemetry: RunTelemetry, path: Path, names: list[ColumnName], sig
                 writer.write_batch(pa.record_batch(list(column_values(record, signals)), schema=schema))
 
 
-def _write_parquet(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
+def _write_parquet(
+    telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str], beside: Beside
+) -> None:
     with extra("files"):
         import pyarrow as pa
         from pyarrow import parquet
 
     schema = pa.schema(
         [pa.field(name.heading, pa.float64(), metadata={"unit": name.unit}) for name in names],
-        metadata={"sample_time": repr(telemetry.sample_time), "run": str(telemetry.run)},
+        metadata={
+            "sample_time": repr(telemetry.sample_time),
+            "run": str(telemetry.run),
+            **{name: str(value) for name, value in beside.items()},
+        },
     )
     with parquet.ParquetWriter(str(path), schema, compression="zstd") as writer:
         for record in telemetry.batches():
             writer.write_batch(pa.record_batch(list(column_values(record, signals)), schema=schema))
 
 
-def _write_mat(telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str]) -> None:
+def _write_mat(
+    telemetry: RunTelemetry, path: Path, names: list[ColumnName], signals: Collection[str], beside: Beside
+) -> None:
     batches = (list(column_values(record, signals)) for record in telemetry.batches())
     texts = {"names": [name.name for name in names], "units": [name.unit for name in names]}
+    texts |= {name: [value] for name, value in beside.items() if isinstance(value, str)}
     numbers = {"Ts": telemetry.sample_time, "run": float(telemetry.run)}
+    numbers |= {name: value for name, value in beside.items() if not isinstance(value, str)}
     write_mat_columns(path, [name.name for name in names], telemetry.steps, batches, numbers, texts)
 
 
-WRITERS: dict[str, Callable[[RunTelemetry, Path, list[ColumnName], Collection[str]], None]] = {
+WRITERS: dict[str, Callable[[RunTelemetry, Path, list[ColumnName], Collection[str], Beside], None]] = {
     ".csv": _write_csv,
     ".parquet": _write_parquet,
     ".mat": _write_mat,
