@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from rclpy.node import Node
 
 from amb_core.data.analysis import RecordedLoop, read
+from amb_core.data.analysis.recorded_clearance import MONITOR_NODE, known_clearance
 from amb_core.data.controller_choice import (
     ALLOWED,
     NO_CONTROLLER,
@@ -25,10 +26,12 @@ from amb_core.loop.experiments import controller_of_bridge, linear_controller_of
 from amb_core.loop.known_controller import KnownController
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
+from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_ident_node.listening import LiveExperiment
 from amb_msgs import msg
 from amb_ros import topics
+from amb_ros.machine import MachineInput
 from amb_ros.qos import LATCHED
 from amb_ros.remote_parameters import RemoteParameters
 from amb_ros.subscriptions import create_subscription
@@ -60,6 +63,7 @@ class LoopSources:
         self._controller, self._simulator, self._timeout = controller, simulator, timeout
         self._log = node.get_logger()
         self._remote_parameters = RemoteParameters(node)
+        self._machine_input = MachineInput(node)
         self._published: msg.StateSpaceModel | None = None  # the last linear controller
         self._subscription = create_subscription(
             node, msg.StateSpaceModel, topics.CONTROLLER, self._on_controller, LATCHED
@@ -95,6 +99,7 @@ class LoopSources:
             loop = read(request.bag, known, first_step=request.first_step, steps=request.steps)
         else:
             data = self._live.data(request.first_step, request.steps)
+            data = replace(data, clearance=self._clearance(data.output_names))
             running = None if name else self._running_controller(data.sample_rate)
             loop = RecordedLoop(data, running, self._read(PlantParameters, self._simulator) if with_plant else None)
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""
@@ -115,6 +120,15 @@ class LoopSources:
             return named if data is None else with_shown_limit(named, data)
         controller = self._controller_of(name)
         return controller if sample_rate is None else controller.at_rate(sample_rate)
+
+    def _clearance(self, axes: tuple[str, ...]) -> dict[str, float]:
+        """The clearances (m) of the running machine by axis, as `recorded_clearance` finds them in a bag of its run."""
+        running = {name.rsplit("/", 1)[-1] for name in self._remote_parameters.nodes()}
+        machine, simulator = self._machine_input.machine, self._simulator.rsplit("/", 1)[-1]
+        needed = machine is None or machine.axis_names != axes  # as in version 0.1
+        simulated = self._values(self._simulator) if needed and simulator in running else None
+        monitored = self._values(MONITOR_NODE) if MONITOR_NODE in running else None
+        return known_clearance(axes, machine, simulated, monitored)
 
     def _running_controller(self, sample_rate: float) -> KnownController | None:
         """The controller of the running loop; None if there is none that reports its parameters.
@@ -153,6 +167,14 @@ class LoopSources:
 
     def _on_controller(self, message: msg.StateSpaceModel) -> None:
         self._published = message
+
+    def _values(self, node: str) -> dict[str, ParameterValue] | None:
+        """All parameters of a running node; None if it does not report them."""
+        try:
+            return self._remote_parameters.read_all(node, self._timeout)
+        except ParameterError as problem:
+            self._log.warning(one_line(problem))
+            return None
 
     def _read(self, parameters: type[P], node: str) -> P | None:
         """Parameters of a running node; None if it does not report them."""

@@ -9,17 +9,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from rclpy.duration import Duration
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_bringup.client import AmbClient, ClientError
 from amb_core.identification import IdentificationProgress
 from amb_core.identification import StateSpaceModel as CoreModel
+from amb_core.loop.machine import DIRECTIONS, Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord
+from amb_core.recording import BagWriter
 from amb_core.recording.messages.state_space_model import fill_model, model_from_message
 from amb_msgs.msg import SimulatorState, StateSpaceModel
 from amb_msgs.srv import Identify, StartRecording, StopRecording
 from amb_ros.qos import LATCHED
+from tests import bag_messages
+from tests.graph.bearing import machine_message, machine_publisher
 from tests.graph.identifier_loop import FIRST_STEP, PAPER, SAMPLE_TIME, STEPS, Loop, linear_loop
 from tests.graph.limits import TIMEOUT
 
@@ -94,6 +99,39 @@ def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: Lo
     assert loop.validate(model=str(tmp_path / "model.json")).fit == answer.fit
     assert "cannot be read" in loop.validate(model=str(tmp_path / "nowhere.json")).message
     assert "there is no such file or folder" in loop.validate(bag=str(tmp_path / "nowhere")).message
+
+
+def test_delevitation_is_judged_live_as_from_a_bag(graph: Graph, record: LoopRecord, tmp_path: Path) -> None:
+    clearance = 0.8 * float(np.linalg.norm(record.position, axis=1).max())
+    axes = tuple(MachineAxis(name, "a", 0.0, 0.0, DIRECTIONS[name], 2.5, 3.0) for name in record.axes)
+    machine = Machine("ours", "simulator", 1.0 / SAMPLE_TIME, axes, (MachineBearing("a", clearance),))
+    publisher = machine_publisher(graph.node)
+    loop = Loop(graph)
+    graph.wait_until(publisher.get_subscription_count, "the identifier")
+    publisher.publish(machine_message(machine))
+    assert publisher.wait_for_all_acked(Duration(seconds=TIMEOUT))
+    run = loop.publish(record)
+    bag = write_bag(tmp_path / "bag", machine, record, run)
+    part = {"first_step": FIRST_STEP, "steps": STEPS - FIRST_STEP}
+    live, from_bag = loop.identify(order=4, **part), loop.identify(order=4, bag=str(bag), **part)
+    assert any("region D (delevitated)" in text for text in live.warnings), live.warnings
+    assert (live.verdict, live.warnings) == (from_bag.verdict, from_bag.warnings)
+    live, from_bag = loop.validate(**part), loop.validate(bag=str(bag), **part)
+    findings = [
+        answer.report.partition("CLOSED LOOP")[2] for answer in (live, from_bag)
+    ]  # behind the names of the data
+    assert findings[0] and findings[0] == findings[1]
+    assert live.verdict == from_bag.verdict
+
+
+def write_bag(folder: Path, machine: Machine, record: LoopRecord, run: int) -> Path:
+    """A bag of this machine and run."""
+    with BagWriter(folder) as bag:
+        for topic, kind in (("/amb/machine", bag_messages.MACHINE), ("/amb/telemetry", bag_messages.TELEMETRY)):
+            bag.add_topic(topic, kind, bag_messages.definition(kind))
+        bag.write("/amb/machine", bag_messages.machine_message(machine), 10**18)
+        bag.write("/amb/telemetry", bag_messages.telemetry(record, run), 10**18)
+    return folder
 
 
 def test_no_controller_is_assumed(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:
