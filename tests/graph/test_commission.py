@@ -129,20 +129,26 @@ def test_a_sensor_with_the_wrong_sign_is_named_before_the_first_lift_off(tmp_pat
     assert "the currents were off" in results["landing"]["reason"]
 
 
-def test_a_rotor_that_another_host_levitates_is_refused_and_left_as_it_is(tmp_path: Path, domain: int) -> None:
+@pytest.mark.parametrize(("option", "first"), [("--wiring", "wiring"), ("--no-wiring", "connection")])
+def test_a_rotor_that_another_host_levitates_is_refused_and_left_as_it_is(
+    tmp_path: Path, domain: int, option: str, first: str
+) -> None:
     with ServedEmulator() as served:
-        other = AmbUdpLink(port=served.port, timeout=60.0, silence=60.0)
-        levitated(other, Listener())
+        other, listener = AmbUdpLink(port=served.port, timeout=60.0, silence=60.0), Listener()
+        levitated(other, listener)
         path = tmp_path / "rig.yaml"
         content = yaml.safe_load(PARAMETERS)
         content["/amb/hardware_bridge"]["ros__parameters"]["link"] |= {"port": served.port} | PATIENT
         path.write_text(yaml.safe_dump(content))
-        code, said, protocol = commission(tmp_path, domain, path, emulator=False)
+        code, said, protocol = commission(tmp_path, domain, path, *SHORT, option, emulator=False)
         results = {step["name"]: step for step in protocol["steps"]}
         assert code == 3, said
-        assert results["wiring"]["reason"] == "the rotor is levitated already; land it first"
+        assert results[first]["reason"] == "the rotor is levitated already; land it first"
         assert results["landing"]["reason"] == "another host levitates the rotor; it is left as it is"
         assert other.status().state is TargetState.LEVITATED
+        listener.wait_for_step(other.status().step + 2_000)
+        assert other.count.samples.lost == 0, "its telemetry was taken away"
+        assert not (tmp_path / "out" / "bag").exists()
         other.close()
 
 

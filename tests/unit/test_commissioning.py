@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from amb_bringup.experiments.wiring import Wiring
+from amb_bringup.experiments.wiring import Wiring, require_rest
 from amb_core.excitation import Square, generate
 from amb_core.excitation.axes import parts_of
 from amb_core.ground.errors import IdentificationError
@@ -269,6 +269,18 @@ def test_a_rotor_that_another_host_levitates_is_refused_and_left_as_it_is(
         wired(served)
     step = other.status().step
     listener.wait_for_step(step + 2_000)
+    assert other.status().state is TargetState.LEVITATED
+    assert other.count.samples.lost == 0, "its telemetry was taken away"
+
+
+def test_so_it_is_without_the_first_steps(served: ServedEmulator, other: AmbUdpLink) -> None:
+    listener, quiet = Listener(), {"link.port": served.port, "link.timeout": 60.0, "link.silence": 60.0}
+    bridge = validate(BridgeParameters, quiet)
+    require_rest(bridge, lambda: None)
+    levitated(other, listener)
+    with pytest.raises(LevitatedError, match="levitated already; land it first"):
+        require_rest(bridge, lambda: None)
+    listener.wait_for_step(other.status().step + 2_000)
     assert other.status().state is TargetState.LEVITATED
     assert other.count.samples.lost == 0, "its telemetry was taken away"
 

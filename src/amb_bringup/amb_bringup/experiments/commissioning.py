@@ -21,7 +21,7 @@ from amb_bringup.client import AmbClient
 from amb_bringup.client.errors import ClientError
 from amb_bringup.client.rig import MODES
 from amb_bringup.experiments.measurements import SETTLING, Measurements, whole
-from amb_bringup.experiments.wiring import Wiring
+from amb_bringup.experiments.wiring import Wiring, require_rest
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import generate
 from amb_core.ground.errors import AmbError
@@ -217,6 +217,8 @@ class Session:
 
     def _connect(self) -> list[Check]:
         settings, rig = self.settings, self.amb.rig
+        if not self.wiring:  # otherwise the steps before have seen it
+            require_rest(self.bridge, self.check)
         self._bridged = True
         rig.connect()
         self._spend(START)

@@ -73,7 +73,7 @@ class Wiring:
         check: Callable[[], None],
     ) -> None:
         self._expected, self._confirm, self._parameters, self._limits = expected, confirm, bridge, settings
-        self._link, self.bench = self._connected(check)
+        self._link, self.bench = _connected(bridge, self._wait, check)
         try:
             if self.bench.status().currents_on:
                 raise LevitatedError
@@ -81,28 +81,6 @@ class Wiring:
         except BaseException:
             self._link.close()
             raise
-
-    def _connected(self, check: Callable[[], None]) -> tuple[TargetLink, Bench]:
-        until = time.monotonic() + STARTING
-        while True:
-            link = link_of(self._parameters.link, lambda: None, take_over=False)
-            try:
-                bench = Bench(link, self._settings, self._wait)
-            except LevitatedError:
-                link.close()
-                raise
-            except TargetError:
-                link.close()
-                check()
-                if time.monotonic() > until:
-                    raise
-            else:
-                return link, bench
-
-    def _settings(self, description: TargetDescription) -> TargetSettings:
-        parameters = self._parameters
-        limits = parameters.protection.lowered(description.limits, parameters.current_limit)
-        return TargetSettings(controller_of(parameters), limits, parameters.landing_reference)
 
     def close(self) -> str:
         """Land the rotor if this object has levitated it, and leave the target to the bridge.
@@ -147,6 +125,57 @@ class Wiring:
         late = step + LATE * self.bench.rate
         while self.bench.reached < step and self.bench.status().step < late:
             time.sleep(_POLL)
+
+
+def require_rest(bridge: BridgeParameters, check: Callable[[], None]) -> None:
+    """Refuse a rotor that is levitated, before the bridge takes its telemetry away from the host that levitates it.
+
+    Nothing that changes the target is sent.
+
+    Parameters
+    ----------
+    bridge : BridgeParameters
+        Link, controller and protection.
+    check : callable
+        Raises AmbError if a node of the graph has ended.
+
+    Raises
+    ------
+    TargetError
+        If the target does not answer; LevitatedError if the rotor is levitated: it is left as it is.
+    """
+    link, bench = _connected(bridge, lambda _step: None, check)
+    try:
+        if bench.status().currents_on:
+            raise LevitatedError
+    finally:
+        link.close()
+
+
+def _connected(
+    bridge: BridgeParameters, wait: Callable[[int], None], check: Callable[[], None]
+) -> tuple[TargetLink, Bench]:
+    """A link that takes over no levitated rotor, and the target behind it, which may still start."""
+
+    def settings(description: TargetDescription) -> TargetSettings:
+        limits = bridge.protection.lowered(description.limits, bridge.current_limit)
+        return TargetSettings(controller_of(bridge), limits, bridge.landing_reference)
+
+    until = time.monotonic() + STARTING
+    while True:
+        link = link_of(bridge.link, lambda: None, take_over=False)
+        try:
+            bench = Bench(link, settings, wait)
+        except LevitatedError:
+            link.close()
+            raise
+        except TargetError:
+            link.close()
+            check()
+            if time.monotonic() > until:
+                raise
+        else:
+            return link, bench
 
 
 def _whole(measure: Callable[[], T]) -> T:
