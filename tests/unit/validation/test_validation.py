@@ -185,6 +185,24 @@ def test_a_constant_in_the_recorded_currents_does_not_refuse_a_true_model(bearin
     assert not twice.validated, "a wrong model stays one"
 
 
+def test_nor_does_one_that_the_currents_of_the_identification_lacked(bearing, model: StateSpaceModel) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6, amplitude=20e-6)
+    plain = validate(model, IdentificationData.from_record(record), CONTROLLER)
+    biased = IdentificationData.from_record(replace(record, current=record.current + np.array([1.5, -0.4])))
+    again = validate(model, biased, CONTROLLER)
+    assert again.verdict == "validated with reservations" and again.fit == pytest.approx(plain.fit, abs=0.01)
+    assert [one.key for one in again.failed] == ["controller"]
+    text = " ".join(again.report().split())
+    assert "all judged without the constant in the recorded currents, i_x 1.5 A, i_y -0.4 A" in text
+    for wrong in (
+        replace(model, b=1.2 * model.b),
+        replace(model, a=model.a @ model.a),
+        replace(model, input_offset=0.5 * model.input_offset),
+        replace(model, input_offset=model.input_offset + np.array([0.2, 0.0])),
+    ):
+        assert not validate(wrong, biased, CONTROLLER).validated, "a wrong model stays one"
+
+
 def test_experiments_without_reference_are_counted(data: IdentificationData, model: StateSpaceModel) -> None:
     alone = replace(data, experiments=tuple(replace(item, reference=None) for item in data.experiments))
     validation = validate(model, merge([data, alone]), CONTROLLER)

@@ -129,6 +129,11 @@ def _validate(
     # The matrices are small: more BLAS threads cost time, and take cores from the control loop.
     with one_blas_thread():
         given, model = model, with_noise_model(model, data)
+        constant = _added_constant(recorded, controller)
+        in_model = constant is None or not _fits_without(model, data, constant)
+        if constant is not None and not in_model:
+            data = _without(data, constant)
+            model = with_noise_model(given, data)
         prediction = predict(model, data, horizons)
         references = [item.inputs if in_open_loop(data) else item.reference for item in data.experiments]
         quiet = [undisturbed(model, *pair) for pair in zip(prediction.residuals, references, strict=True)]
@@ -140,7 +145,7 @@ def _validate(
             model.samples,
             ([one.errors for one in quiet], _from_first(data, quiet, "inputs")),
         )
-        loop = _closed_loop(model, data, recorded, controller, prediction)
+        loop = _closed_loop(model, data, constant if in_model else None, controller, prediction)
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
         deviations = find_deviations(model, data, prediction, known)
@@ -157,7 +162,7 @@ def _validate(
         loop.closed_loop,
         frequency,
         evidence_of(data, cured=True),
-        (*loop.notes, *noted, *frequency_notes),
+        (*_constant_note(constant, in_model, data), *loop.notes, *noted, *frequency_notes),
         _controller_check(recorded, controller, loop),
         findings,
         band_errors=errors,
@@ -173,6 +178,34 @@ def _validate(
         removed_tones=() if cure is None else cure.frequencies,
         noise_from_data=model is not given,
     )
+
+
+def _added_constant(data: IdentificationData, controller: KnownController | None) -> NDArray[np.float64] | None:
+    """The constant in the recorded currents (A) that their controller did not add, where that is known."""
+    return None if controller is None or not suits_controller(data) else added_constant(data, controller)
+
+
+def _without(data: IdentificationData, constant: NDArray[np.float64]) -> IdentificationData:
+    """The data with currents as the controller computed them."""
+    return replace(data, experiments=tuple(replace(item, inputs=item.inputs - constant) for item in data.experiments))
+
+
+def _fits_without(model: StateSpaceModel, data: IdentificationData, constant: NDArray[np.float64]) -> bool:
+    """Whether the model was identified from currents without a constant: its predictions are better without it."""
+    sizes = []
+    for one in (data, _without(data, constant)):
+        errors = np.vstack(predict(model, one).residuals)
+        sizes.append(np.linalg.slogdet(errors.T @ errors)[1])
+    return bool(sizes[1] < sizes[0])
+
+
+def _constant_note(constant: NDArray[np.float64] | None, in_model: bool, data: IdentificationData) -> tuple[str, ...]:
+    if constant is None:
+        return ()
+    added = ", ".join(f"{name} {value:.3g} A" for name, value in zip(data.input_names, constant, strict=True) if value)
+    what = "closed loop: simulated" if in_model else "all judged"
+    beside = "" if in_model else "; that of the identification had none"
+    return (f"{what} without the constant in the recorded currents, {added}{beside}",)
 
 
 def _ringing(
@@ -245,10 +278,11 @@ class _Loop:
 def _closed_loop(
     model: StateSpaceModel,
     data: IdentificationData,
-    recorded: IdentificationData,
+    constant: NDArray[np.float64] | None,
     controller: KnownController | None,
     prediction: Prediction,
 ) -> _Loop:
+    """Close the loop; `constant` is the one in the recorded currents (A) that the offset of the model has, too."""
     if controller is None:
         return _Loop(missing="the controller is not known")
     if not suits_controller(data):
@@ -260,13 +294,9 @@ def _closed_loop(
     if unknown := len(data.experiments) - len(known):
         notes.append(f"closed loop: {unknown} experiment{'s' if unknown > 1 else ''} without reference left out")
     measured = [data.record(index) for index in known]
-    constant = added_constant(recorded, controller)
     if constant is not None:  # the currents reach the plant without it, as its operating point then does
         measured = [replace(record, current=record.current - constant) for record in measured]
         model = replace(model, input_offset=model.input_offset - constant)
-        table = zip(model.input_names, constant, strict=True)
-        added = ", ".join(f"{name} {value:.3g} A" for name, value in table if value)
-        notes.append(f"closed loop: simulated without the constant in the recorded currents, {added}")
     closed_loop = check_closed_loop(model, controller, measured, prediction.first_states[known])
     return _Loop(closed_loop, closed_loop.poles, possible_fit(measured), "", tuple(notes))
 
