@@ -122,7 +122,7 @@ def certify_from_data(
     extra_delay = (settings or RobustnessSettings()).extra_delay
     measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law, extra_delay)
     if loops and not displacement:
-        remarks += ("the zone after ISO 14839-2 is not known: the data come without the clearance of the bearing",)
+        remarks += ("the zone after ISO 14839-2 is not known: the data come without the parameters of the bearing",)
     progress("margins, worst cases and bounds")
     certificate = certify(
         model, law, settings=settings, validation=validation, uncertainty=uncertainty, inputs=inputs,
