@@ -19,6 +19,7 @@ from amb_core.designs.tuning import (
     reason,
     tune,
 )
+from amb_core.designs.tuning.current_loop import CurrentLoop
 from amb_core.designs.tuning.loop_family import LoopFamily, gain_margins
 from amb_core.designs.tuning.sizing import sizing_of
 from amb_core.designs.tuning.stability_chart import stability_chart
@@ -59,6 +60,42 @@ def test_at_the_gain_margins_the_loop_is_at_the_limit_of_stability(design: Beari
     for factor, outwards in ((low, 0.99), (high, 1.01)):
         assert family.stable(*(factor * gain for gain in gains))
         assert not family.stable(*(outwards * factor * gain for gain in gains))
+
+
+def test_the_gains_of_the_papers_current_loop_are_the_papers() -> None:
+    paper = PlantParameters()
+    bearing = Bearing(gap=0.6e-3, turns=50, mass=6.25, bias_current=3.0, voltage=300.0, pole_width=13.89e-3)
+    amplifier = plant_of(bearing).amplifier
+    assert amplifier.proportional_gain == paper.amplifier.proportional_gain
+    assert amplifier.integral_gain == paper.amplifier.integral_gain
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"gap": 0.1e-3, "bias_current": 1.0},
+        {"switching_frequency": 400e3},
+        {"resistance": 10.0, "voltage": 30.0, "bias_current": 0.5, "switching_frequency": 20e3},
+    ],
+)
+def test_coil_currents_settle_at_their_references(change: dict[str, float]) -> None:
+    """Of a rotor that is too heavy to move; 1 % of the current is what the paper's loop may leave to resistance."""
+    wish = SMALL.model_copy(update=change | {"mass": 1e5, "gravity": 0.0})
+    plant = Plant(plant_of(wish))
+    plant.trace([0.0, 0.0], 1000)
+    period = plant.parameters.steps_per_period
+    means = plant.trace([0.0, 0.0], 20).current.reshape(-1, period, 4).mean(axis=1)
+    assert np.abs(means / wish.bias_current - 1.0).max() < 0.01
+    assert np.abs(np.diff(means, axis=0)).max() < 1e-6 * wish.bias_current
+
+
+@pytest.mark.parametrize(("gap", "frequency"), [(0.1e-3, 100e3), (0.4e-3, 400e3), (0.5e-3, 100e3), (1e-3, 10e3)])
+def test_current_loops_are_stable_with_twice_their_gains(gap: float, frequency: float) -> None:
+    wish = SMALL.model_copy(update={"gap": gap, "switching_frequency": frequency})
+    parameters = plant_of(wish)
+    loop, amplifier = CurrentLoop(Plant(parameters)), parameters.amplifier
+    for factor in (1.0, 2.0):
+        assert loop.radius(factor * amplifier.proportional_gain, factor * amplifier.integral_gain) < 1.0
 
 
 def test_the_lift_off_current_is_the_one_whose_force_carries_the_weight(design: BearingDesign) -> None:
@@ -146,6 +183,19 @@ def test_a_machine_with_a_thrust_bearing_gets_radial_gains_and_keeps_the_axial_o
     assert (tuned.controller.proportional_gains[4], tuned.controller.derivative_gains[4]) == (16_000.0, 90.0)
     chart = stability_chart(rig, given, points=8)
     assert np.isfinite(chart.peak).any()
+
+
+def test_a_narrow_gap_is_not_blamed_on_sampling_or_eddy_currents() -> None:
+    """With the paper's loop gain the current loops of this bearing were unstable."""
+    wish = {"gap": 0.11e-3, "turns": 30, "mass": 1.5, "bias_current": 1.5, "voltage": 120.0}
+    assert design_bearing(Bearing(**wish, switching_frequency=330e3)).tuned.peak_sensitivity < 2.0
+
+
+def test_coils_of_high_resistance_get_the_currents_that_lift() -> None:
+    """With the paper's share of integral action the resistance kept 7 % of them away, and the rotor down."""
+    wish = {"gap": 0.19e-3, "turns": 17, "mass": 0.727, "bias_current": 1.9, "voltage": 210.0, "resistance": 2.4}
+    size = {"journal_diameter": 34e-3, "length": 32e-3, "sample_rate": 16e3, "switching_frequency": 54e3}
+    assert design_bearing(Bearing(**wish, **size, delay=1.0, sensor_bandwidth=5e3)).lift_off.levitated
 
 
 def test_slow_amplifiers_are_named_as_the_reason() -> None:

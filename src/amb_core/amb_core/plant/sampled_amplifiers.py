@@ -75,6 +75,24 @@ def sample_modulated(
     return plant_system(a[np.ix_(kept, kept)], b[kept], c, sample_time, labels, [names[n] for n in kept])
 
 
+def switching_period_matrix(opened: OpenPlant, parameters: PlantParameters) -> NDArray[np.float64]:
+    """Matrix A of x[k+1] = A x[k] from switching period to switching period at constant control currents.
+
+    States are those of the open plant, then charge, integral part and voltage of each electromagnet.
+
+    Parameters
+    ----------
+    opened : OpenPlant
+        The plant without current controllers.
+    parameters : PlantParameters
+        Its amplifiers are used; their modulation is resolved.
+    """
+    rate = {"sample_rate": parameters.amplifier.switching_frequency}
+    period = {"integration": parameters.integration.model_copy(update=rate)}
+    a, _, _ = _sample(opened, parameters.model_copy(update=period), np.zeros((len(opened.coils), 0)))
+    return a
+
+
 def _sample(
     opened: OpenPlant, parameters: PlantParameters, by_axis: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str]]:

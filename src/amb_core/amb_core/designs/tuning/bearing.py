@@ -1,7 +1,7 @@
 """A bearing by the few numbers that its owner knows, and the plant that they make.
 
 What is not given has the proportions of the paper's bearing (table 1). The power amplifiers get the paper's current
-loop: its bandwidth is the same part of the switching frequency.
+loop, scaled; see `amb_core.designs.tuning.current_loop`.
 """
 
 from __future__ import annotations
@@ -11,26 +11,17 @@ from typing import Any
 
 from pydantic import model_validator
 
+from amb_core.designs.tuning.current_loop import GAINS, current_loop_gains, rounded
 from amb_core.ground.errors import PlantError
 from amb_core.ground.parameters import Parameters, quantity, required, validate
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.closed_forms import inductance
-from amb_core.plant.parameters import AmplifierParameters, MagneticCircuitParameters
+from amb_core.plant.parameters import MagneticCircuitParameters
 
 _PAPER = MagneticCircuitParameters()
-_PAPER_AMPLIFIER = AmplifierParameters()
-_LOOP_SHARE = (
-    2.0
-    * _PAPER_AMPLIFIER.supply_voltage
-    * _PAPER_AMPLIFIER.proportional_gain
-    / (inductance(_PAPER) * _PAPER_AMPLIFIER.switching_frequency)
-)
-"""Crossover of the paper's current loop 2 V K_P / L (rad/s) over its switching frequency (Hz)."""
 STEPS_PER_PERIOD = tuple(20 * 2**power for power in range(10))
 """Internal steps in a switching period; more where eddy currents are fast, or the period is long."""
 LONGEST_STEP = 5e-6  # s
 SMALLEST_CLEARANCE = 1e-6  # m
-HIGHEST_GAIN = 1e3  # 1/A, of a current loop
 
 
 class Bearing(Parameters):
@@ -105,7 +96,8 @@ def plant_of(bearing: Bearing) -> PlantParameters:
         except PlantError as refusal:
             problem = refusal
             continue
-        return parameters
+        gains = dict(zip(GAINS, current_loop_gains(parameters), strict=True))
+        return validate(PlantParameters, values | gains)
     assert problem is not None
     raise problem
 
@@ -114,18 +106,14 @@ def _values(bearing: Bearing) -> dict[str, Any]:
     circuit = {f"magnetic_circuit.{name}": value for name, value in _circuit(bearing).items()}
     periods = max(round(bearing.switching_frequency / bearing.sample_rate), 1)
     switching = periods * bearing.sample_rate
-    self_inductance = inductance(validate(MagneticCircuitParameters, _circuit(bearing)))
     return circuit | {
         "amplifier.supply_voltage": bearing.voltage,
         "amplifier.switching_frequency": switching,
-        "amplifier.proportional_gain": min(
-            _rounded(_LOOP_SHARE * self_inductance * switching / (2.0 * bearing.voltage)), HIGHEST_GAIN
-        ),
         "amplifier.bias_current": bearing.bias_current,
         "amplifier.current_limit": bearing.bias_current + bearing.control_current_limit,
         "rotor.mass": bearing.mass,
         "rotor.gravity": bearing.gravity,
-        "rotor.backup_bearing_radius": bearing.clearance or _rounded(0.5 * bearing.gap),
+        "rotor.backup_bearing_radius": bearing.clearance or rounded(0.5 * bearing.gap),
         "sensor.bandwidth": bearing.sensor_bandwidth,
         "converters.computation_delay": bearing.delay,
         "integration.sample_rate": bearing.sample_rate,
@@ -139,17 +127,12 @@ def _circuit(bearing: Bearing) -> dict[str, float]:
     return {
         "air_gap": bearing.gap,
         "axial_length": bearing.length,
-        "journal_inner_radius": _rounded(journal * _PAPER.journal_inner_radius / _PAPER.journal_outer_radius),
+        "journal_inner_radius": rounded(journal * _PAPER.journal_inner_radius / _PAPER.journal_outer_radius),
         "journal_outer_radius": journal,
         "pole_radius": pole,
-        "back_iron_inner_radius": _rounded(pole * _PAPER.back_iron_inner_radius / _PAPER.pole_radius),
-        "stator_outer_radius": _rounded(pole * _PAPER.stator_outer_radius / _PAPER.pole_radius),
-        "pole_width": bearing.pole_width or _rounded(pole * _PAPER.pole_width / _PAPER.pole_radius),
+        "back_iron_inner_radius": rounded(pole * _PAPER.back_iron_inner_radius / _PAPER.pole_radius),
+        "stator_outer_radius": rounded(pole * _PAPER.stator_outer_radius / _PAPER.pole_radius),
+        "pole_width": bearing.pole_width or rounded(pole * _PAPER.pole_width / _PAPER.pole_radius),
         "turns_per_pole": bearing.turns,
         "coil_resistance": bearing.resistance,
     }
-
-
-def _rounded(value: float, digits: int = 4) -> float:
-    """To significant digits, so that files can be read."""
-    return round(value, digits - 1 - math.floor(math.log10(abs(value)))) if value else 0.0
