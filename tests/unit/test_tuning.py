@@ -98,6 +98,40 @@ def test_current_loops_are_stable_with_twice_their_gains(gap: float, frequency: 
         assert loop.radius(factor * amplifier.proportional_gain, factor * amplifier.integral_gain) < 1.0
 
 
+def test_a_slow_rotor_has_the_time_that_its_loop_needs() -> None:
+    """Unstable pole of 4.7 1/s: nothing but its mass makes it slow."""
+    slow = design_bearing(SMALL.model_copy(update={"gravity": 0.0, "mass": 5e4}))
+    assert slow.lift_off.levitated
+    assert len(slow.lift_off.record.position) / SMALL.sample_rate > 1.0
+
+
+def test_noise_does_not_hide_a_rotor_that_stays_on_the_backup_bearing(design: BearingDesign) -> None:
+    noisy = validate(PlantParameters, {**flatten(design.plant.model_dump()), "sensor.noise": 200e-6})
+    limp = design.tuned.controller.model_copy(update={"proportional_gain": 0.0, "derivative_gain": 0.0})
+    risen = lift_off(noisy, limp)
+    assert risen is not None
+    assert not risen.levitated
+    assert risen.farthest > 0.9 * design.plant.rotor.backup_bearing_radius
+
+
+def test_a_rotor_that_keeps_moving_is_not_at_rest(design: BearingDesign) -> None:
+    """A force of 22 N moves it by 10 um to either side, a twentieth of the clearance."""
+    force = {"rotor.external_force_x": 22.0, "rotor.external_force_frequency": 20.0}
+    shaken = validate(PlantParameters, {**flatten(design.plant.model_dump()), **force})
+    risen = lift_off(shaken, design.tuned.controller)
+    assert risen is not None
+    assert 5e-6 < risen.farthest < 20e-6
+    assert not risen.levitated
+
+
+def test_the_bearing_that_carries_most_decides_on_the_lift_off_current() -> None:
+    """Bearing A carries two thirds of the rotor, as a point mass of that weight."""
+    mass, place = 9.0, {"rigid_rotor.bearing_a": -0.1, "rigid_rotor.bearing_b": 0.2}
+    rotor = validate(PlantParameters, {"rotor.model": "rigid", "rigid_rotor.mass": mass, **place})
+    point = validate(PlantParameters, {"rotor.mass": 2.0 / 3.0 * mass})
+    assert lift_off_current(rotor) == pytest.approx(lift_off_current(point), rel=1e-6)
+
+
 def test_the_lift_off_current_is_the_one_whose_force_carries_the_weight(design: BearingDesign) -> None:
     current = lift_off_current(design.plant)
     plant = Plant(design.plant)
