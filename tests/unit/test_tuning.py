@@ -219,10 +219,43 @@ def test_a_machine_with_a_thrust_bearing_gets_radial_gains_and_keeps_the_axial_o
     assert np.isfinite(chart.peak).any()
 
 
+def test_gains_of_the_current_loops_are_named_if_others_would_do() -> None:
+    slow = validate(PlantParameters, {"amplifier.proportional_gain": 5e-4})
+    tuned = tune(slow)
+    assert tuned is None or tuned.peak_sensitivity > HIGHEST_PEAK
+    said = reason(slow, ControllerParameters())
+    assert "current loops, K_P = 0.0005 1/A" in said
+    assert "K_P = 1 1/A and K_I = 0.01 1/(A s) would do" in said
+
+
+def test_slow_switching_is_named_only_where_faster_switching_helps() -> None:
+    slow = {"mass": 0.05, "sample_rate": 10e3, "switching_frequency": 10e3, "delay": 0.0}
+    with pytest.raises(PlantError, match=r"amplifier too slow \(150 V, 10000 Hz\)"):
+        design_bearing(SMALL.model_copy(update=slow | {"sensor_bandwidth": 0.0}))
+    with pytest.raises(PlantError) as refusal:  # the sensor would still be too slow
+        design_bearing(SMALL.model_copy(update=slow))
+    assert "amplifier too slow" not in str(refusal.value)
+
+
 def test_a_narrow_gap_is_not_blamed_on_sampling_or_eddy_currents() -> None:
     """With the paper's loop gain the current loops of this bearing were unstable."""
     wish = {"gap": 0.11e-3, "turns": 30, "mass": 1.5, "bias_current": 1.5, "voltage": 120.0}
     assert design_bearing(Bearing(**wish, switching_frequency=330e3)).tuned.peak_sensitivity < 2.0
+
+
+def test_a_rotor_that_no_single_part_lifts_is_not_blamed_on_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("amb_core.designs.tuning.design.lift_off", lambda *_: None)
+    with pytest.raises(PlantError, match="does not rise from the backup bearing: no part alone is the reason"):
+        design_bearing(SMALL)
+
+
+def test_a_voltage_that_is_too_low_to_lift_is_named_and_ten_times_as_much_lifts() -> None:
+    wish = {"gap": 0.87e-3, "turns": 313, "mass": 3.19, "bias_current": 1.1, "voltage": 30.0, "resistance": 9.6}
+    size = {"journal_diameter": 51e-3, "length": 16e-3, "sample_rate": 5e3, "switching_frequency": 57e3}
+    with pytest.raises(PlantError, match=r"does not rise .* amplifier too slow: 30 V do not change") as refusal:
+        design_bearing(Bearing(**wish, **size))
+    assert "control current is limited" not in str(refusal.value)
+    assert design_bearing(Bearing(**wish | {"voltage": 300.0}, **size)).lift_off.levitated
 
 
 def test_coils_of_high_resistance_get_the_currents_that_lift() -> None:
@@ -230,13 +263,6 @@ def test_coils_of_high_resistance_get_the_currents_that_lift() -> None:
     wish = {"gap": 0.19e-3, "turns": 17, "mass": 0.727, "bias_current": 1.9, "voltage": 210.0, "resistance": 2.4}
     size = {"journal_diameter": 34e-3, "length": 32e-3, "sample_rate": 16e3, "switching_frequency": 54e3}
     assert design_bearing(Bearing(**wish, **size, delay=1.0, sensor_bandwidth=5e3)).lift_off.levitated
-
-
-def test_slow_amplifiers_are_named_as_the_reason() -> None:
-    slow = validate(PlantParameters, {"amplifier.proportional_gain": 5e-4})
-    tuned = tune(slow)
-    assert tuned is None or tuned.peak_sensitivity > HIGHEST_PEAK
-    assert "amplifier too slow (300 V" in reason(slow, ControllerParameters())
 
 
 @pytest.mark.parametrize(

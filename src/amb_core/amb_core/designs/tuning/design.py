@@ -14,13 +14,15 @@ from amb_core.designs.tuning.levitation import LiftOff, lift_off
 from amb_core.designs.tuning.loop_family import LoopFamily
 from amb_core.designs.tuning.reasons import reason, require_lift_off
 from amb_core.designs.tuning.sizing import Sizing, require_flux
-from amb_core.ground.errors import PlantError
+from amb_core.ground.errors import AmbError, PlantError
 from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
 
 TRIED = 8
 """Gains of the wide grid that are simulated if the first do not lift the rotor off."""
+BETTER = 10.0
+"""Factor by which a part is made better to see whether it is the reason why a rotor stays down."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,7 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
     """
     parameters = plant_of(bearing)
     sizing = require_flux(parameters)
-    values = {"sample_rate": bearing.sample_rate, "current_limit": bearing.control_current_limit}
-    controller = validate(ControllerParameters, values)
+    controller = _controller(bearing)
     lifting = require_lift_off(parameters, controller)
     tuned = tune(parameters, controller, highest_peak)
     if tuned is None:
@@ -84,11 +85,25 @@ def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> Bear
             f"no PD gains of this bearing have a peak sensitivity of at most {highest_peak:g}; the lowest is "
             f"{tuned.peak_sensitivity:.3g}: {reason(parameters, controller, highest_peak)}"
         )
+    lifted = _lifted(parameters, tuned, highest_peak)
+    if lifted is None:
+        raise PlantError(_why_it_stays_down(bearing, highest_peak))
+    trial, risen = lifted
+    return BearingDesign(bearing, parameters, trial, risen, lifting, sizing)
+
+
+def _controller(bearing: Bearing) -> ControllerParameters:
+    values = {"sample_rate": bearing.sample_rate, "current_limit": bearing.control_current_limit}
+    return validate(ControllerParameters, values)
+
+
+def _lifted(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> tuple[Tuned, LiftOff] | None:
+    """The first gains that lift the rotor off in simulation."""
     for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
         risen = lift_off(parameters, trial.controller)
         if risen is not None and risen.levitated:
-            return BearingDesign(bearing, parameters, trial, risen, lifting, sizing)
-    raise PlantError(_why_it_stays_down(bearing, parameters, tuned, highest_peak))
+            return trial, risen
+    return None
 
 
 def _others(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> Iterator[Tuned]:
@@ -106,12 +121,43 @@ def _others(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> I
             yield trial
 
 
-def _why_it_stays_down(bearing: Bearing, parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> str:
-    """Whether ten times the voltage lifts the rotor off with the same gains."""
-    faster = plant_of(bearing.model_copy(update={"voltage": min(10.0 * bearing.voltage, 5000.0)}))
-    text = "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
-    for trial in chain([tuned], _others(parameters, tuned, highest_peak)):
-        risen = lift_off(faster, trial.controller)
-        if risen is not None and risen.levitated:
-            return f"{text}amplifier too slow: {bearing.voltage:g} V do not change the coil currents fast enough"
-    return f"{text}the control current is limited to {tuned.controller.current_limit:.3g} A"
+def _why_it_stays_down(bearing: Bearing, highest_peak: float) -> str:
+    """The parts of the bearing of which each lifts the rotor off when it alone is better."""
+    parts = [text for text, changes in _better(bearing) if _lifts(bearing.model_copy(update=changes), highest_peak)]
+    return (
+        "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
+        + (" or ".join(parts) or "no part alone is the reason; tried: ten times the voltage, the control current and ")
+        + ("" if parts else "the sample rate")
+    )
+
+
+def _better(bearing: Bearing) -> list[tuple[str, dict[str, float]]]:
+    """Parts of a bearing in words, and what makes each better."""
+    limit, rate = bearing.control_current_limit, bearing.sample_rate
+    return [
+        (
+            f"amplifier too slow: {bearing.voltage:g} V do not change the coil currents fast enough",
+            {"voltage": min(BETTER * bearing.voltage, 5000.0)},
+        ),
+        (
+            f"the control current is limited to {limit:.3g} A",
+            {"current_limit": min(bearing.bias_current + BETTER * limit, 100.0)},
+        ),
+        (
+            f"sampling too slow ({rate:g} Hz, delay of {bearing.delay:g} samples)",
+            {
+                "sample_rate": min(BETTER * rate, 1e5),
+                "switching_frequency": max(bearing.switching_frequency, min(BETTER * rate, 1e5)),
+                "delay": 0.0,
+            },
+        ),
+    ]
+
+
+def _lifts(bearing: Bearing, highest_peak: float) -> bool:
+    try:
+        parameters = plant_of(bearing)
+        tuned = tune(parameters, _controller(bearing), highest_peak)
+    except AmbError:
+        return False
+    return tuned is not None and _lifted(parameters, tuned, highest_peak) is not None
