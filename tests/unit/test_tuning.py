@@ -20,15 +20,18 @@ from amb_core.designs.tuning import (
     tune,
 )
 from amb_core.designs.tuning.current_loop import CurrentLoop
+from amb_core.designs.tuning.dynamic_stiffness import dynamic_stiffness, stiffness_and_damping
 from amb_core.designs.tuning.loop_family import LoopFamily, gain_margins
 from amb_core.designs.tuning.sizing import sizing_of
 from amb_core.designs.tuning.stability_chart import stability_chart
 from amb_core.ground.errors import ParameterError, PlantError
 from amb_core.ground.parameters import flatten, load_parameters, validate
-from amb_core.loop.control import ControllerParameters
+from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Plant, PlantParameters, describe, linearize
 from amb_core.plant.averaged import coil_references
+from amb_core.plant.closed_forms import current_gain, negative_stiffness
 from amb_core.plant.operating_point import static_force
+from amb_core.plant.simulation import simulate
 from amb_core.report.figures import stability_figure
 from tests.benchmarks.first_hour import new, wishes
 
@@ -132,6 +135,55 @@ def test_the_bearing_that_carries_most_decides_on_the_lift_off_current() -> None
     assert lift_off_current(rotor) == pytest.approx(lift_off_current(point), rel=1e-6)
 
 
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_stiffness_and_damping_are_those_of_the_nonlinear_simulation(axis: str) -> None:
+    """A slow force of 5 N moves the rotor by 10 um; distortion and eddy currents beyond the averaged plant make 1 %."""
+    frequency, force, given = 50.0, 5.0, {"sensor.bandwidth": 1000.0, "converters.computation_delay": 1.0}
+    shaken = {f"rotor.external_force_{axis}": force, "rotor.external_force_frequency": frequency}
+    controller = validate(ControllerParameters, {"proportional_gain": 14_000.0, "derivative_gain": 30.0})
+    record = simulate(Plant(validate(PlantParameters, given | shaken)), PdController(controller), 3000).window(
+        2000, 1000
+    )
+    place = "xy".index(axis)
+    turning = np.exp(-2j * np.pi * frequency * record.time)
+    sensed = 2.0 * np.mean((record.position[:, place] - record.position[:, place].mean()) * turning)
+    moved = sensed * (1.0 + 1j * frequency / given["sensor.bandwidth"])
+    plant = Plant(validate(PlantParameters, given))
+    stiffness = dynamic_stiffness(plant, linearize(plant, controller), 2.0 * np.pi * frequency)
+    assert stiffness[place, place] == pytest.approx(force / moved, rel=0.01)
+
+
+def test_stiffness_and_damping_are_those_of_the_band_in_which_the_rotor_moves() -> None:
+    """The integral parts of the paper's current loops drift for seconds: what they take at 0.1 Hz is no damping."""
+    plant, controller = Plant(PlantParameters()), ControllerParameters()
+    model = linearize(plant, controller)
+    stiffness, damping = stiffness_and_damping(plant, model)
+    omega = 2.0 * np.pi * 10.0
+    along_axes = np.diag(dynamic_stiffness(plant, model, omega))
+    mass = plant.parameters.rotor.mass
+    assert stiffness == pytest.approx((along_axes.real + mass * omega**2).min(), rel=2e-3)
+    assert damping == pytest.approx(along_axes.imag.min() / omega, rel=1e-2)
+
+
+def test_stiffness_and_damping_of_an_ideal_magnet_are_the_closed_forms() -> None:
+    """The lag of sampling and amplifiers takes 0.2 % of the damping at 100 kHz."""
+    ideal = {
+        "magnetic_circuit.relative_permeability": 1e9,
+        "magnetic_circuit.coil_resistance": 0.0,
+        "iron.eddy_currents": False,
+        "rotor.gravity": 0.0,
+        "integration.sample_rate": 1e5,
+    }
+    parameters = validate(PlantParameters, ideal)
+    gains = {"proportional_gain": 14_000.0, "derivative_gain": 30.0, "sample_rate": 1e5}
+    plant = Plant(parameters)
+    stiffness, damping = stiffness_and_damping(plant, linearize(plant, validate(ControllerParameters, gains)))
+    circuit, bias = parameters.magnetic_circuit, parameters.amplifier.bias_current
+    k_i, k_s = current_gain(circuit, bias), negative_stiffness(circuit, bias)
+    assert stiffness == pytest.approx(k_i * gains["proportional_gain"] - k_s, rel=1e-4)
+    assert damping == pytest.approx(k_i * gains["derivative_gain"], rel=3e-3)
+
+
 def test_the_lift_off_current_is_the_one_whose_force_carries_the_weight(design: BearingDesign) -> None:
     current = lift_off_current(design.plant)
     plant = Plant(design.plant)
@@ -187,6 +239,14 @@ def test_closed_forms_are_those_of_the_plant(design: BearingDesign) -> None:
     assert sizing.bias_flux_density == pytest.approx(described.bias_flux_density, rel=0.05)  # without the iron
     assert sizing.unstable_pole == pytest.approx(described.unstable_pole, rel=0.1)
     assert sizing.remarks == []
+
+
+def test_the_slew_rate_of_the_force_is_that_of_the_simulation() -> None:
+    """The duty cycle is limited: a coil gets half of the supply. Iron takes 5 % of the flux."""
+    parameters = plant_of(SMALL.model_copy(update={"mass": 1e5, "gravity": 0.0, "delay": 0.0}))
+    force = Plant(parameters).trace([0.0, 2.0], 1).force[:: parameters.steps_per_period, 1]
+    slew = (force[8] - force[3]) / 5.0 * parameters.amplifier.switching_frequency
+    assert sizing_of(parameters).force_slew == pytest.approx(slew, rel=0.06)
 
 
 @pytest.mark.parametrize(

@@ -105,8 +105,8 @@ def gains_table(tuned: Tuned, title: str) -> Table:
     )
     table.add_row("proportional gain K_P", f"{k_p:g} A/m")
     table.add_row("derivative gain K_D", f"{k_d:g} A s/m")
-    table.add_row("stiffness k_i K_P - k_s", f"{1e-6 * tuned.stiffness:.3g} N/um")
-    table.add_row("damping k_i K_D", f"{tuned.damping:.3g} N s/m")
+    table.add_row("stiffness at low frequency", f"{1e-6 * tuned.stiffness:.3g} N/um")
+    table.add_row("damping at low frequency", f"{tuned.damping:.3g} N s/m")
     mode = tuned.model.rigid_mode(tuned.model.closed_loop.output_names[0])
     if mode is not None:
         table.add_row("natural frequency, damping ratio", f"{mode.natural_hz:.1f} Hz, {mode.damping_ratio:.3f}")

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.designs.tuning.dynamic_stiffness import stiffness_and_damping
 from amb_core.designs.tuning.loop_family import LoopFamily, gain_margins
 from amb_core.designs.tuning.pd_gains import choose_gains, held_at_centre, placed_gains, require_carrying, three_digits
 from amb_core.ground.errors import ParameterError, PlantError
 from amb_core.ground.parameters import flatten, validate
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, PlantParameters, linearize
-from amb_core.plant.closed_forms import current_gain, negative_stiffness
 from amb_core.plant.linearise import Linearization
 
 HIGHEST_PEAK = 3.0
@@ -46,9 +46,9 @@ class Tuned:
     peak_sensitivity : float
         Exact (-).
     stiffness : float
-        Of the rotor in the loop at low frequency, k_i K_P - k_s (N/m).
+        Least of the radial axes at low frequency (N/m), see `amb_core.designs.tuning.dynamic_stiffness`.
     damping : float
-        k_i K_D (N s/m).
+        Least of the radial axes at low frequency (N s/m): less than k_i K_D by the lag of the loop.
     gain_margins : tuple of float
         Factors on both gains at which the loop becomes unstable, below and above one (-).
     holding_current : float
@@ -109,16 +109,13 @@ def tune(
 
 def result_of(plant: Plant, family: LoopFamily, gains: tuple[float, float]) -> Tuned:
     """What gains K_P (A/m) and K_D (A s/m) make of a stable loop, with the reference that holds the centre."""
-    circuit, bias = plant.parameters.magnetic_circuit, plant.parameters.amplifier.bias_current
-    k_i, k_s = current_gain(circuit, bias), negative_stiffness(circuit, bias)
     controller = held_at_centre(plant, family.model, family.controller(*gains))
     model = linearize(plant, controller)
     return Tuned(
         controller,
         model,
         model.peak_sensitivity,
-        k_i * gains[0] - k_s,
-        k_i * gains[1],
+        *stiffness_and_damping(plant, model),
         gain_margins(family, *gains),
         float(np.abs(model.point.current_reference).max()),
     )

@@ -39,7 +39,7 @@ class Sizing:
     samples : float
         Of the controller, in the time constant of the unstable pole (-).
     force_slew : float
-        Change of the force at full voltage, k_i V / L (N/s).
+        Change of the force at the largest duty cycle d, k_i V (2 d - 1) / L (N/s).
     current_ripple : float
         Of a coil current, peak to peak at zero mean voltage, V / (2 L f) (A).
     current_bandwidth : float
@@ -75,7 +75,8 @@ class Sizing:
         if 2.0 * math.pi * self.current_bandwidth < LEAST_BANDWIDTH * self.unstable_pole:
             remarks.append(
                 f"the current loop ({self.current_bandwidth:.3g} Hz) is hardly faster than the unstable pole "
-                f"({self.unstable_pole:.3g} 1/s): a higher switching frequency or voltage makes it faster"
+                f"({self.unstable_pole:.3g} 1/s): a higher switching frequency makes it faster, as far as the eddy "
+                "currents of a narrow gap permit"
             )
         return remarks
 
@@ -94,7 +95,7 @@ def sizing_of(parameters: PlantParameters) -> Sizing:
         force / weight if weight else math.inf,
         pole,
         parameters.integration.sample_rate / pole,
-        gain * voltage / coil,
+        gain * voltage * (2.0 * amplifier.maximum_duty - 1.0) / coil,
         voltage / (2.0 * coil * amplifier.switching_frequency),
         2.0 * voltage * amplifier.proportional_gain / coil / (2.0 * math.pi),
         bias,
