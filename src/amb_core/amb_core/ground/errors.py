@@ -11,6 +11,14 @@ class ParameterError(AmbError):
     """A parameter is unknown, of the wrong type or out of its range."""
 
 
+class ParameterValueError(ParameterError, ValueError):
+    """A parameter set made by its class from wrong values: ParameterError, and ValueError as of pydantic."""
+
+
+class RecordError(AmbError, ValueError, IndexError):
+    """The samples of a record of the loop do not fit together, or it lacks the steps asked for."""
+
+
 class PlantError(AmbError):
     """The plant cannot be built, or its state has left the range in which the model holds."""
 

@@ -10,18 +10,42 @@ import difflib
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
-from amb_core.ground.errors import ParameterError
+from amb_core.ground.errors import AmbError, ParameterError, ParameterValueError, bounded
 from amb_core.ground.files.parameter_files import KNOWN_NODES, ParameterFile, full_name
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
 
 SIMULATOR = "simulator"
 CLOSE = 0.85  # likeness, 0 to 1, from which a name is taken for another one misspelt
+LONGEST_SHOWN = 200  # characters of a value in a message
 
 
-class Parameters(BaseModel):
+class _OneMessage(ModelMetaclass):
+    """Makes a set of its class: wrong values are one line, as of `validate`, where pydantic has several.
+
+    A metaclass, because pydantic does not call it for a set within another, whose names then are complete.
+    """
+
+    def __call__(cls, *unnamed: Any, **values: Any) -> Any:  # noqa: N805
+        if unnamed:
+            raise ParameterValueError(
+                f"{cls.__name__}: {type(unnamed[0]).__name__} without a name is not allowed; allowed: parameters by "
+                f"name; those of a dict: {cls.__name__}(**values)"
+            )
+        try:
+            return super().__call__(**values)
+        except ValidationError as problem:
+            raise ParameterValueError(_first_problem(cast(type[Parameters], cls), problem)) from problem
+
+
+class Parameters(BaseModel, metaclass=_OneMessage):
     """Base of all parameter sets: frozen, validated once, no unknown names, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -29,8 +53,14 @@ class Parameters(BaseModel):
     @field_validator("*", mode="before")
     @classmethod
     def _numbers_in_range(cls, value: Any, info: ValidationInfo) -> Any:
-        """Check the numbers of a list that `quantities` declares, and take any kind of array for it."""
-        extra = cls.model_fields[str(info.field_name)].json_schema_extra
+        """Check the numbers of a list that `quantities` declares, and take any kind of array for it.
+
+        No truth value is a number: pydantic takes it for 0 or 1.
+        """
+        field = cls.model_fields[str(info.field_name)]
+        if isinstance(value, bool) and field.annotation in (float, int):
+            raise ValueError("not a number")
+        extra = field.json_schema_extra
         if not (isinstance(extra, dict) and "each" in extra):
             return value
         value = value.tolist() if hasattr(value, "tolist") else value
@@ -219,6 +249,8 @@ def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] =
     ParameterError
         (or `error`) One line naming the first wrong parameter, its value and what is allowed.
     """
+    if not isinstance(values, Mapping):
+        raise error(f"{model.__name__}: {type(values).__name__} is not allowed; allowed: values by name")
     flat = flatten(values)
     declared = {declaration.name: declaration for declaration in declarations(model)}
     for name in flat:
@@ -227,14 +259,45 @@ def validate(model: type[P], values: Mapping[str, Any], error: type[Exception] =
     try:
         return model.model_validate(nest(flat))
     except ValidationError as problem:
-        first = problem.errors()[0]
-        name = ".".join(str(part) for part in first["loc"])
-        if name in declared:
-            raise error(
-                f"parameter '{name}' = {first['input']!r} is not allowed; allowed: {declared[name].allowed}"
-            ) from None
-        reason = first["msg"].removeprefix("Value error, ")
-        raise error(f"parameter set '{name}': {reason}" if name else reason) from None
+        raise error(_first_problem(model, problem)) from None
+
+
+def given_set(model: type[P], name: str, given: P | None, error: type[AmbError] = ParameterError) -> P:
+    """A parameter set that a caller gives: itself, or the defaults for None.
+
+    Raises
+    ------
+    ParameterError
+        (or `error`) If it is anything else, such as a dict of its values.
+    """
+    if given is None:
+        return model()
+    if isinstance(given, model):
+        return given
+    hint = f"; {model.__name__}(**values) makes one of a dict" if isinstance(given, Mapping) else ""
+    raise error(f"{name}: {type(given).__name__} is not allowed; allowed: {model.__name__}{hint}")
+
+
+def _first_problem(model: type[Parameters], problem: ValidationError) -> str:
+    """The first wrong parameter, its value and what is allowed, as one line; unknown names first."""
+    problems = problem.errors(include_url=False)
+    first = next((one for one in problems if one["type"] == "extra_forbidden"), problems[0])
+    declared = {declaration.name: declaration for declaration in declarations(model)}
+    name = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return _unknown(name, first["input"], declared)
+    if name in declared:
+        what = "is missing" if first["type"] == "missing" else f"= {_shown(first['input'])} is not allowed"
+        return f"parameter '{name}' {what}; allowed: {declared[name].allowed}"
+    if first["type"] == "model_type":
+        allowed = f"{first['ctx']['class_name']}, or its parameters by name"
+        return f"parameter set '{name}': {type(first['input']).__name__} is not allowed; allowed: {allowed}"
+    reason = first["msg"].removeprefix("Value error, ")
+    return f"parameter set '{name}': {reason}" if name else reason
+
+
+def _shown(value: Any) -> str:
+    return bounded(" ".join(repr(value).split()), LONGEST_SHOWN)
 
 
 def part_of(model: type[P], values: Mapping[str, Any]) -> P:
@@ -306,7 +369,7 @@ def _refuse_misspelt(model: type[P], values: Mapping[str, Any]) -> None:
 def _unknown(name: str, value: Any, known: Collection[str]) -> str:
     close = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean '{close[0]}'?" if close else "known: " + ", ".join(known)
-    return f"unknown parameter '{name}' = {value!r}; {hint}"
+    return f"unknown parameter '{name}' = {_shown(value)}; {hint}"
 
 
 def nest(flat: Mapping[str, Any]) -> dict[str, Any]:
