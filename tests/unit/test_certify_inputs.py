@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError, ParameterError, RobustnessError
 from amb_core.ground.parameters import validate
 from amb_core.identification import closed_loop_poles
@@ -17,7 +18,7 @@ from amb_core.robustness import Recorded, RobustnessSettings, certify, certify_f
 from tests.lqg_loop import rotor
 
 FEW = {"frequencies": 60.0}
-NOWHERE = Recorded(None, None)  # type: ignore[arg-type]  # data that nothing may look at
+NOWHERE = Recorded(object.__new__(IdentificationData), None)  # data without anything that one could look at
 
 
 @pytest.fixture(scope="module")

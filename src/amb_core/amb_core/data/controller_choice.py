@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.checks.samples import cut_samples
 from amb_core.ground.errors import IdentificationError, ParameterError
 from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.given_values import number, refusal, require_kind
 from amb_core.ground.parameters import declarations, load_parameters, part_of, validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import UNLIMITED, ControllerFileParameters, KnownController, LinearControl, limited
@@ -37,7 +40,7 @@ def is_named_set(name: str) -> bool:
 
 
 def named_controller(
-    name: str,
+    name: str | Path,
     node: str = CONTROLLER_NODE,
     sample_rate: float | None = None,
 ) -> KnownController:
@@ -47,7 +50,7 @@ def named_controller(
 
     Parameters
     ----------
-    name : str
+    name : str or Path
         `paper` for that of the paper's table 1; `pd:K_P,K_D` for a PD controller of these gains (A/m, A s/m) with the
         derivative on the position error, `pd:K_P,K_D,measurement` for one with the derivative on the measured position;
         a ROS parameter file (.yaml or .yml), of a PD controller or of a
@@ -60,12 +63,18 @@ def named_controller(
     Raises
     ------
     IdentificationError
-        If the name is neither.
+        If the name is none of these.
     ParameterError
         If the file cannot be read, holds a wrong parameter, or is for another sample rate.
     """
-    if not is_named_set(name):
-        raise IdentificationError(f"controller = {name!r} is not allowed; allowed: {ALLOWED}")
+    name = os.fspath(name) if isinstance(name, os.PathLike) else name
+    if not isinstance(name, str) or not is_named_set(name):
+        raise refusal("controller", name, ALLOWED, IdentificationError)
+    require_kind("node", node, str, "the name of a node", IdentificationError)
+    if sample_rate is not None:
+        sample_rate = number("sample_rate", sample_rate, ParameterError)
+        if not 0.0 < sample_rate < math.inf:
+            raise refusal("sample_rate", sample_rate, "more than 0 Hz, finite", ParameterError)
     if name == PAPER:
         controller: KnownController = ControllerParameters()
     elif name.startswith(PD):

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from amb_core.excitation.seeded import Multisine
 from amb_core.excitation.signal import Excitation, ExcitationSignal, Sampler, excitation_parts
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.given_values import whole_number
 from amb_core.loop.machine import ONE_BEARING, Machine
 
 WINDOW = 1024
@@ -61,7 +62,9 @@ class Playback:
         machine: Machine | None = None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> None:
-        self._parts = _Parts(excitation, sample_rate, machine or ONE_BEARING, partial(_kept, excitation, cancelled))
+        self._parts = _Parts(
+            excitation, sample_rate, ONE_BEARING if machine is None else machine, partial(_kept, excitation, cancelled)
+        )
         self.steps = self._parts.steps
         checksum = Checksum()
         for _, samples in self._parts.windows():
@@ -112,7 +115,7 @@ def generate(excitation: Excitation, sample_rate: float, machine: Machine | None
         If a frequency lies above the Nyquist frequency, the signal has no sample, no line of a band can be excited, or
         the machine lacks the axes.
     """
-    machine = machine or ONE_BEARING
+    machine = ONE_BEARING if machine is None else machine
     parts = _Parts(excitation, sample_rate, machine, lambda sampler, _steps, _in_memory: sampler)
     samples = np.empty((parts.steps, len(machine.axes)))
     for first, window in parts.windows():
@@ -224,6 +227,7 @@ class _Parts:
         self._parts = [(part, samplers[part.realisation, part.turn, part.stop - part.first]) for part in parts]
 
     def window(self, index: int) -> tuple[int, NDArray[np.float64]]:
+        index = whole_number("index", index, ExcitationError)
         if not 0 <= index < self.steps:
             raise IndexError(f"sample {index} asked for; there are {self.steps}")
         present = [(part, sampler) for part, sampler in self._parts if part.first <= index < part.stop]

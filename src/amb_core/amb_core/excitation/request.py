@@ -11,6 +11,7 @@ from amb_core.excitation.deterministic import Square, Sweep, Tones
 from amb_core.excitation.seeded import Multisine, Prbs, WhiteNoise
 from amb_core.excitation.signal import Excitation
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.given_values import require_kind, require_word
 from amb_core.ground.parameters import validate
 
 KINDS: dict[str, type[Excitation]] = {kind.kind: kind for kind in (Sweep, Square, Multisine, Prbs, WhiteNoise, Tones)}
@@ -39,6 +40,7 @@ def excitation_from_request(kind: str, values: Mapping[str, Any]) -> Excitation:
         If the kind is unknown, a value is out of range, a field is not used by the kind, or one without default is
         missing; the message has one line.
     """
+    require_kind("values", values, Mapping, "values by name of the field", ExcitationError)
     return excitation_from_settings(
         kind, {name: value for name, value in values.items() if name not in _FIELDS or _plain(value)}
     )
@@ -64,9 +66,8 @@ def excitation_from_settings(kind: str, values: Mapping[str, Any]) -> Excitation
     ExcitationError
         As `excitation_from_request`.
     """
-    if kind not in KINDS:
-        raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
-    parameters = KINDS[kind]
+    parameters = _class_of(kind)
+    require_kind("values", values, Mapping, "values by name of the field", ExcitationError)
     fields = parameters.model_fields
     used = ", ".join(fields)
     given = {name: _plain(value) for name, value in values.items()}
@@ -96,6 +97,7 @@ def definition_of(excitation: Excitation) -> str:
     str
         A JSON object by field name, in SI units.
     """
+    require_kind("excitation", excitation, Excitation, "an Excitation", ExcitationError)
     return json.dumps(excitation.model_dump())
 
 
@@ -119,16 +121,21 @@ def excitation_from_definition(kind: str, definition: str) -> Excitation:
     ExcitationError
         If the kind is unknown, the text is not such an object, or a setting is unknown, missing or out of range.
     """
-    if kind not in KINDS:
-        raise ExcitationError(f"unknown kind of excitation {kind!r}; allowed: {', '.join(KINDS)}")
+    parameters = _class_of(kind)
+    require_kind("definition", definition, str, "a text as of definition_of", ExcitationError)
     try:
         values = json.loads(definition)
         if not isinstance(values, dict):
             raise ExcitationError(f"{kind}: its description must be a JSON object of settings, not {definition!r}")
-        return validate(KINDS[kind], values, ExcitationError)
+        return validate(parameters, values, ExcitationError)
     except (ValueError, RecursionError) as problem:
         reason = "nested too deeply" if isinstance(problem, RecursionError) else problem
         raise ExcitationError(f"{kind}: its description is not a JSON object of settings: {reason}") from None
+
+
+def _class_of(kind: str) -> type[Excitation]:
+    require_word("kind of excitation", kind, KINDS, ExcitationError)
+    return KINDS[kind]
 
 
 def _plain(value: Any) -> Any:

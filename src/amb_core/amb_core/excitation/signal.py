@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,8 +12,9 @@ from numpy.typing import NDArray
 
 from amb_core.excitation.axes import AXES_DESCRIPTION, ORTHOGONAL, Part, parts_of
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.given_values import number, require_kind
 from amb_core.ground.parameters import Parameters, choice, required
-from amb_core.loop.machine import ONE_BEARING, Machine
+from amb_core.loop.machine import HIGHEST_SAMPLE_RATE, ONE_BEARING, Machine
 
 Sampler = Callable[[int, int], NDArray[np.float64]]
 """Samples of the signal on one axis (m) from `first` up to `stop` (exclusive), shape (stop - first,)."""
@@ -138,8 +138,15 @@ def steps_of(excitation: Excitation, sample_rate: float, machine: Machine | None
 
 def excitation_parts(excitation: Excitation, sample_rate: float, machine: Machine | None = None) -> list[Part]:
     """The parts of an excitation on a machine; parameters and errors as of `steps_of`."""
-    if not (math.isfinite(sample_rate) and sample_rate > 0.0):
-        raise ExcitationError(f"sample rate {sample_rate!r} Hz is not allowed; it must be positive and finite")
+    require_kind(
+        "excitation", excitation, Excitation, "an Excitation, as excitation_from_settings makes one", ExcitationError
+    )
+    require_kind("machine", machine, (Machine, type(None)), "a Machine, or None for one bearing", ExcitationError)
+    sample_rate = number("sample_rate", sample_rate, ExcitationError)
+    if not 0.0 < sample_rate <= HIGHEST_SAMPLE_RATE:  # not NaN
+        raise ExcitationError(
+            f"sample rate {sample_rate!r} Hz is not allowed; allowed: more than 0, up to {HIGHEST_SAMPLE_RATE:g} Hz"
+        )
     nyquist = sample_rate / 2.0
     if excitation.highest_frequency > nyquist:
         raise ExcitationError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,33 @@ LONGEST_SHOWN = 200  # characters
 
 def refusal(name: str, value: object, allowed: str, error: type[AmbError] = AmbError) -> AmbError:
     """The error that a value is not allowed, as one line."""
-    shown = bounded(" ".join(repr(value).split()), LONGEST_SHOWN)
-    return error(f"{name} = {shown} is not allowed; allowed: {allowed}")
+    return error(f"{name} = {_shown(value)} is not allowed; allowed: {allowed}")
+
+
+def kind_of(value: object) -> str:
+    """The type of a value, and the shape of an array, for a message."""
+    shape = getattr(value, "shape", None)
+    return f"{type(value).__name__}{'' if shape is None else f' of shape {shape}'}"
+
+
+def require_kind(
+    name: str, value: object, kind: type | tuple[type, ...], allowed: str, error: type[AmbError] = AmbError
+) -> None:
+    """Raise AmbError, or `error`, for a value that is of none of these types."""
+    if not isinstance(value, kind):
+        raise error(f"{name}: {kind_of(value)} is not allowed; allowed: {allowed}")
+
+
+def require_callable(name: str, value: object, error: type[AmbError] = AmbError) -> None:
+    """Raise AmbError, or `error`, for a value that is neither None nor can be called."""
+    if value is not None and not callable(value):
+        raise error(f"{name}: {kind_of(value)} is not allowed; allowed: a function, or None")
+
+
+def require_word(what: str, value: object, words: Collection[str], error: type[AmbError] = AmbError) -> None:
+    """Raise AmbError, or `error`, for a value that is none of these words."""
+    if not (isinstance(value, str) and value in words):
+        raise error(f"unknown {what} {_shown(value)}; allowed: {', '.join(words)}")
 
 
 def number(name: str, value: object, error: type[AmbError] = AmbError) -> float:
@@ -39,6 +64,14 @@ def whole_number(name: str, value: object, error: type[AmbError] = AmbError) -> 
     if not isinstance(single, bool | np.timedelta64) and isinstance(single, Integral):
         return int(single)
     raise refusal(name, value, "a whole number", error)
+
+
+def whole_numbers(name: str, values: object, error: type[AmbError] = AmbError) -> tuple[int, ...]:
+    """Whole numbers in order as a tuple; AmbError, or `error`, for anything else, such as one number."""
+    single = isinstance(values, str | bytes | Mapping) or (isinstance(values, np.ndarray) and values.ndim == 0)
+    if isinstance(values, Iterable) and not single:
+        return tuple(whole_number(name, value, error) for value in values)
+    raise error(f"{name}: {kind_of(values)} is not allowed; allowed: several whole numbers")
 
 
 def numbers(name: str, values: Any, error: type[AmbError] = AmbError) -> NDArray[np.float64]:
@@ -78,6 +111,10 @@ def path_of(name: str, value: object, error: type[AmbError] = AmbError) -> Path:
     if isinstance(value, str) or (isinstance(value, os.PathLike) and isinstance(os.fspath(value), str)):
         return Path(value)
     raise refusal(name, value, "a path", error)
+
+
+def _shown(value: object) -> str:
+    return bounded(" ".join(repr(value).split()), LONGEST_SHOWN)
 
 
 def _of_python(value: object) -> object:

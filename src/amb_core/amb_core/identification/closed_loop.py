@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import numbers, require_kind, whole_number
 from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.control_law import Law, Start, advance_law, law_of, recall, state_of
 from amb_core.linear import LinearSystem
@@ -20,6 +21,7 @@ from amb_core.linear.small_matrices import add_product, set_product
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_control import linear_law
 from amb_core.loop.linear_parameters import require_order
+from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.loop.records import LoopRecord
 
 DIVERGED = 1e-2  # m, larger than the air gap of any bearing considered here
@@ -65,7 +67,10 @@ def simulate_closed_loop(
         If the position leaves the range of 10 mm; the message gives the step.
     """
     axes = loop_axes(model, controller)
-    reference = np.ascontiguousarray(reference, dtype=np.float64)
+    first_step = whole_number("first_step", first_step, IdentificationError)
+    reference = np.ascontiguousarray(numbers("reference", reference, IdentificationError))
+    if reference.shape[1:] != (axes,):
+        raise IdentificationError(f"reference of shape {reference.shape} is not allowed; allowed: (steps, {axes})")
     position, current = np.zeros_like(reference), np.zeros_like(reference)
     law = law_of(controller, axes)
     state = state_of(law)
@@ -135,6 +140,9 @@ def _of_positions(model: StateSpaceModel) -> tuple[slice, slice]:
 
 def loop_axes(model: StateSpaceModel, controller: KnownController) -> int:
     """Number of axes of the loop."""
+    require_kind("model", model, StateSpaceModel, "a StateSpaceModel", IdentificationError)
+    allowed = "ControllerParameters or LinearControl, as named_controller makes them"
+    require_kind("controller", controller, (ControllerParameters, LinearControl), allowed, IdentificationError)
     inputs, outputs = model.b.shape[1], model.c.shape[0]
     if inputs != outputs:
         raise IdentificationError(

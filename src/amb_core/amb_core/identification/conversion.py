@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.state_space import StateSpaceModel
 
@@ -42,6 +43,7 @@ def to_predictor(model: StateSpaceModel) -> control.StateSpace:
     control.StateSpace
         The predictor, of m + p inputs and p outputs.
     """
+    _require_model(model)
     outputs = model.output_names
     return LinearSystem(
         model.a - model.k @ model.c,
@@ -69,6 +71,7 @@ def to_scipy(model: StateSpaceModel) -> Any:
     """
     from scipy import signal  # takes most of a second to import
 
+    _require_model(model)
     return signal.dlti(model.a, model.b, model.c, model.d, dt=model.sample_time)
 
 
@@ -99,8 +102,13 @@ def to_continuous(model: StateSpaceModel) -> control.StateSpace:
     N. J. Higham, Functions of Matrices, 2008, chapters 1 and 11; G. F. Franklin, J. D. Powell and M. L. Workman,
     Digital Control of Dynamic Systems, 3rd edition, 1998, section 4.3.
     """
+    _require_model(model)
     a, b = _held_inverse(model.a, model.b, model.sample_time)
     return LinearSystem(a, b, model.c, model.d, 0.0, model.input_names, model.output_names).to_control()
+
+
+def _require_model(model: object) -> None:
+    require_kind("model", model, StateSpaceModel, "a StateSpaceModel", IdentificationError)
 
 
 def _held_inverse(

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import numbers
 
 BELOW_ZERO = "below 0 %"
 
@@ -35,6 +36,9 @@ def nrmse_fit(measured: NDArray[np.float64], modelled: NDArray[np.float64]) -> N
     IdentificationError
         If the shapes differ, a value is not finite or a measured column is constant, so that no fit is defined.
     """
+    measured, modelled = (
+        numbers(name, values, IdentificationError) for name, values in (("measured", measured), ("modelled", modelled))
+    )
     if measured.shape != modelled.shape or measured.ndim != 2:
         raise IdentificationError(f"measured {measured.shape} and modelled {modelled.shape} must be (steps, p) alike")
     if not (np.all(np.isfinite(measured)) and np.all(np.isfinite(modelled))):

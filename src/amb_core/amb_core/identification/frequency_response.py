@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from amb_core.ground.errors import IdentificationError
-from amb_core.ground.given_values import numbers
+from amb_core.ground.given_values import numbers, require_kind
 from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.linear.resolvent import outputs_by_state, parts_of, states_by_input
 
@@ -172,6 +172,7 @@ def response_of(model: StateSpaceModel | HasModel, frequencies: ArrayLike, label
             f"model: {type(given).__name__} is not allowed; allowed: the result of identify, or a StateSpaceModel; "
             "files: StateSpaceModel.load(path)"
         )
+    require_kind("label", label, str, "a text", IdentificationError)
     frequency = checked_frequencies(frequencies, model.sample_time)
     response = model.response(frequency)
     at_pole = ~np.isfinite(response).all(axis=(1, 2))

@@ -9,7 +9,9 @@ import numpy as np
 
 from amb_core.data.controller_choice import named_controller, with_shown_limit
 from amb_core.data.experiments import IdentificationData, RecordedLoop
+from amb_core.data.experiments.dataset import require_data
 from amb_core.ground.errors import IdentificationError, ParameterError
+from amb_core.ground.given_values import kind_of
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.linear import LinearSystem
@@ -54,6 +56,9 @@ Data: TypeAlias = LoopRecord | IdentificationData | RecordedLoop
 Controller: TypeAlias = "KnownController | LinearSystem | control.StateSpace | str"
 """Parameters of the PD law, a linear law, a design of python-control, or a name as `named_controller` takes."""
 
+OF_UNCERTAINTY = "what estimate_uncertainty returns, or None"
+"""What every step takes as the uncertainty of a model, as text."""
+
 
 def is_identified(model: Model) -> TypeGuard[Identified]:
     """Whether it is the result of an identification."""
@@ -69,14 +74,20 @@ def given_loop(data: Data) -> RecordedLoop:
         If they are something else.
     """
     if isinstance(data, RecordedLoop):
+        require_data(data.data)
+        if data.controller is not None and not isinstance(data.controller, ControllerParameters | LinearControl):
+            raise ParameterError(
+                f"controller of the data: {kind_of(data.controller)} is not allowed; allowed: ControllerParameters, "
+                "LinearControl, or None"
+            )
         return data
     if isinstance(data, IdentificationData):
         return RecordedLoop(data, None)
     if isinstance(data, LoopRecord):
         return RecordedLoop(IdentificationData.from_record(data), None)
     raise IdentificationError(
-        f"data: {_kind(data)} is not allowed; allowed: what amb_core.read returns for a file or bag, a LoopRecord, or "
-        "IdentificationData; arrays: IdentificationData.from_arrays(inputs, outputs, sample_time)"
+        f"data: {kind_of(data)} is not allowed; allowed: what amb_core.read returns for a file or bag, a LoopRecord, "
+        "or IdentificationData; arrays: IdentificationData.from_arrays(inputs, outputs, sample_time)"
     )
 
 
@@ -101,11 +112,13 @@ def given_model(model: Model, data: IdentificationData | None = None) -> StateSp
     if isinstance(inner, LinearSystem) or hasattr(inner, "A"):
         plant = inner if isinstance(inner, LinearSystem) else _without_counted_names(LinearSystem.from_control(inner))
         if data is None:
-            raise IdentificationError(f"model: {_kind(model)} has no operating point of its own; give data of its loop")
+            raise IdentificationError(
+                f"model: {kind_of(model)} has no operating point of its own; give data of its loop"
+            )
         return _about_means(plant, data)
     raise IdentificationError(
-        f"model: {_kind(model)} is not allowed; allowed: the result of identify, a StateSpaceModel, a LinearSystem, or "
-        "a state-space system of python-control; files: StateSpaceModel.load(path)"
+        f"model: {kind_of(model)} is not allowed; allowed: the result of identify, a StateSpaceModel, a LinearSystem, "
+        "or a state-space system of python-control; files: StateSpaceModel.load(path)"
     )
 
 
@@ -169,6 +182,11 @@ def given_controller(
     return law if data is None else with_shown_limit(law, data)
 
 
+def required_controller(controller: Controller, sample_time: float) -> KnownController:
+    """As `given_controller`, where a controller is needed."""
+    return _known(controller, sample_rate_of(sample_time))
+
+
 def _known(controller: Controller, sample_rate: float) -> KnownController:
     if isinstance(controller, ControllerParameters | LinearControl):
         return controller
@@ -177,11 +195,7 @@ def _known(controller: Controller, sample_rate: float) -> KnownController:
     if isinstance(controller, LinearSystem) or hasattr(controller, "A"):
         return LinearControl.of(controller).at_rate(sample_rate)
     raise ParameterError(
-        f"controller: {_kind(controller)} is not allowed; allowed: ControllerParameters, LinearControl, LinearSystem, "
-        "a state-space system of python-control from position errors to currents, or a name (pd:20000,38, law.mat)"
+        f"controller: {kind_of(controller)} is not allowed; allowed: ControllerParameters, LinearControl, "
+        "LinearSystem, a state-space system of python-control from position errors to currents, or a name "
+        "(pd:20000,38, law.mat)"
     )
-
-
-def _kind(value: object) -> str:
-    shape = getattr(value, "shape", None)
-    return f"{type(value).__name__}{'' if shape is None else f' of shape {shape}'}"

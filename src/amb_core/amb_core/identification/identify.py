@@ -16,6 +16,7 @@ from amb_core.data.experiments.checks import check_amount, check_excitation
 from amb_core.data.experiments.drift import DriftCure, DriftOption, cure_drift
 from amb_core.data.experiments.tones import ToneCure, cure_tones
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind, require_word
 from amb_core.ground.results import Result
 from amb_core.identification.closed_loop import DivergenceError, closed_loop_poles
 from amb_core.identification.controller_check import check_controller
@@ -252,6 +253,8 @@ def identify(
         If the controller is made for another number of axes.
     """
     check_arguments(order, method, focus, drift)
+    require_kind("source", source, str, "a text", IdentificationError)
+    require_kind("feedthrough", feedthrough, (bool, np.bool_), "True or False", IdentificationError)
     loop = given_loop(data)
     data = loop.data
     source = source or "; ".join(dict.fromkeys(item.source for item in data.experiments if item.source))
@@ -314,12 +317,9 @@ def identify(
 
 def check_arguments(order: int | str, method: str, focus: str, drift: str = "auto") -> None:
     """Raise IdentificationError if `identify` does not take one of these arguments, whatever the data."""
-    if method not in METHODS:
-        raise IdentificationError(f"unknown method {method!r}; allowed: {', '.join(METHODS)}")
-    if focus not in get_args(Focus):
-        raise IdentificationError(f"unknown focus {focus!r}; allowed: {', '.join(get_args(Focus))}")
-    if drift not in get_args(DriftOption):
-        raise IdentificationError(f"unknown drift {drift!r}; allowed: {', '.join(get_args(DriftOption))}")
+    require_word("method", method, METHODS, IdentificationError)
+    require_word("focus", focus, get_args(Focus), IdentificationError)
+    require_word("drift", drift, get_args(DriftOption), IdentificationError)
     if isinstance(order, str):
         if order != "auto":
             raise IdentificationError(f"order {order!r} is not allowed; allowed: a number or 'auto'")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_callable
 from amb_core.linear.model.state_space import StateSpaceModel
 
 PEM, FOCUSED = "pem", "simulation focus"
@@ -90,6 +91,8 @@ class Watch:
     """
 
     def __init__(self, progress: Progress | None = None, cancelled: Cancelled | None = None) -> None:
+        require_callable("progress", progress, IdentificationError)
+        require_callable("cancelled", cancelled, IdentificationError)
         self._progress, self._cancelled = progress, cancelled
         self.search: SearchEnd | None = None
 

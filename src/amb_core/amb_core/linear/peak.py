@@ -21,6 +21,7 @@ import ctrlsys
 import numpy as np
 
 from amb_core.ground.errors import RobustnessError
+from amb_core.ground.given_values import require_kind
 from amb_core.linear.system import Arrays, LinearSystem
 
 _TOLERANCE = 1e-9  # of AB13DD, relative
@@ -63,6 +64,7 @@ def peak_gain(system: LinearSystem) -> Peak:
     RobustnessError
         If a pole lies on the unit circle, or SLICOT fails.
     """
+    require_kind("system", system, LinearSystem, "a LinearSystem", RobustnessError)
     half = 0.5 / system.sample_time
     if not system.order:
         return Peak(float(np.linalg.norm(system.d, 2)), 0.0)

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from amb_core.ground.errors import IdentificationError
 from amb_core.ground.extras import extra
+from amb_core.ground.given_values import kind_of
 from amb_core.linear.control_names import control_names
 from amb_core.linear.resolvent import Arrays, Complexes, response, response_and_slope
 
@@ -35,6 +37,17 @@ def rates_of(poles: Complexes, sample_time: float) -> Complexes:
         return np.log(np.abs(poles)) / sample_time + 1j * np.angle(poles) / sample_time
 
 
+def _matrix(name: str, values: ArrayLike) -> Arrays:
+    """A matrix of numbers; IdentificationError for anything else."""
+    try:
+        matrix = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        matrix = np.empty(0)
+    if matrix.ndim != 2 or matrix.dtype.kind not in "fciu":
+        raise IdentificationError(f"{name}: {kind_of(values)} is not allowed; allowed: a matrix of numbers")
+    return matrix
+
+
 class LinearSystem:
     """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k]; in continuous time dx/dt = A x + B u.
 
@@ -51,6 +64,11 @@ class LinearSystem:
         Names of the signals and states; empty where they have none.
     input_units, output_units : tuple of str, optional
         Units of the signals; empty where they are not given.
+
+    Raises
+    ------
+    IdentificationError
+        If the shapes of the matrices do not fit together, or one is no matrix of numbers.
     """
 
     a: Arrays
@@ -77,7 +95,16 @@ class LinearSystem:
         output_units: Sequence[str] = (),
         state_names: Sequence[str] = (),
     ) -> None:
-        self.a, self.b, self.c, self.d = (np.asarray(matrix) for matrix in (a, b, c, d))
+        self.a, self.b, self.c, self.d = (
+            _matrix(name, matrix) for name, matrix in (("A", a), ("B", b), ("C", c), ("D", d))
+        )
+        shapes = [matrix.shape for matrix in (self.a, self.b, self.c, self.d)]
+        (n, _), (p, m) = shapes[0], shapes[3]
+        if shapes[:3] != [(n, n), (n, m), (p, n)]:
+            raise IdentificationError(
+                f"A, B, C, D of shapes {', '.join(map(str, shapes))} are not allowed; allowed: (n, n), (n, m), (p, n), "
+                "(p, m)"
+            )
         self.sample_time = sample_time
         self.input_names, self.output_names = tuple(input_names), tuple(output_names)
         self.input_units, self.output_units = tuple(input_units), tuple(output_units)

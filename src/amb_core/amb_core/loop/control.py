@@ -15,6 +15,9 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.given_values import require_kind
+from amb_core.loop.law import number_of_axes, set_samples
 from amb_core.loop.pd_parameters import (
     ControllerParameters,
     current_limit,
@@ -109,6 +112,7 @@ class PdController:
     """
 
     def __init__(self, parameters: ControllerParameters, axes: int = 2) -> None:
+        axes = number_of_axes(axes)
         self._state = initial_state(axes)
         self._position, self._reference, self._current = np.zeros((3, axes))
         self.configure(parameters)
@@ -134,8 +138,9 @@ class PdController:
         Raises
         ------
         ParameterError
-            If parameters are given for another number of axes; nothing changes.
+            If parameters are given for another number of axes, or are no ControllerParameters; nothing changes.
         """
+        require_kind("parameters", parameters, ControllerParameters, "ControllerParameters", ParameterError)
         gains, nominal = pack_gains(parameters, self.axes), parameters.references(self.axes)
         self.parameters, self._gains, self.nominal_reference = parameters, gains, nominal
 
@@ -157,8 +162,12 @@ class PdController:
         -------
         ndarray, shape (axes,)
             Control current references (A), limited.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one number for each axis.
         """
-        self._position[:] = position
-        self._reference[:] = reference
+        set_samples(self._position, self._reference, position, reference)
         pd_update(self._state, self._gains, self._position, self._reference, self._current)
         return self._current.copy()

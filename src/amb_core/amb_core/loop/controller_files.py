@@ -19,6 +19,7 @@ from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables
 from amb_core.ground.files.regular_files import read_text
+from amb_core.ground.given_values import path_of
 from amb_core.linear import LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.model.state_space import LARGEST
@@ -53,7 +54,7 @@ def load_controller(path: str | Path) -> StateSpaceModel:
     IdentificationError
         If the file cannot be read or holds no controller.
     """
-    path = Path(path)
+    path = path_of("path", path, IdentificationError)
     if path.suffix.lower() not in (".json", ".npz", ".mat"):
         return StateSpaceModel.load(path)  # whose error names the endings
     with reading("model", path):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from amb_core.ground.errors import AmbError, ParameterError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.parameters import choice
 from amb_core.ground.sample_times import same_sample_time
 from amb_core.linear import LinearSystem
@@ -57,6 +58,10 @@ class LinearControl:
     parameters: LinearControllerParameters
 
     def __post_init__(self) -> None:
+        require_kind("model", self.model, StateSpaceModel, "a StateSpaceModel", ParameterError)
+        require_kind(
+            "parameters", self.parameters, LinearControllerParameters, "LinearControllerParameters", ParameterError
+        )
         object.__setattr__(self, "model", with_anti_windup(self.model))
 
     @classmethod
@@ -69,7 +74,7 @@ class LinearControl:
             If the file cannot be read or does not hold a controller.
         """
         try:
-            return cls(load_controller(path), parameters or LinearControllerParameters(current_limit=UNLIMITED))
+            return cls(load_controller(path), _without_limit() if parameters is None else parameters)
         except AmbError as problem:
             raise ParameterError(f"controller {problem}") from None
 
@@ -84,7 +89,7 @@ class LinearControl:
         ParameterError
             If it is no linear system of discrete time.
         """
-        return cls(controller_from(system), parameters or LinearControllerParameters(current_limit=UNLIMITED))
+        return cls(controller_from(system), _without_limit() if parameters is None else parameters)
 
     @cached_property
     def sample_rate(self) -> float:
@@ -130,6 +135,10 @@ class LinearControl:
 
 KnownController = ControllerParameters | LinearControl
 """Either kind."""
+
+
+def _without_limit() -> LinearControllerParameters:
+    return LinearControllerParameters(current_limit=UNLIMITED)
 
 
 def limited(controller: KnownController, current_limit: float | None) -> KnownController:

@@ -18,9 +18,12 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.given_values import require_kind
 from amb_core.linear import LinearSystem
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController, LinearControl
+from amb_core.loop.law import number_of_axes, set_samples
 from amb_core.loop.linear_parameters import LinearControllerParameters, require_fit, state_at_rest, with_anti_windup
 from amb_core.loop.pd_parameters import ControllerParameters, one_each, pack_gains
 
@@ -137,6 +140,8 @@ class LinearController:
     def __init__(
         self, model: StateSpaceModel, parameters: LinearControllerParameters, axes: int, sample_rate: float
     ) -> None:
+        require_kind("model", model, StateSpaceModel, "a StateSpaceModel, such as LinearControl.model", ParameterError)
+        axes = number_of_axes(axes)
         require_fit(model, axes, sample_rate)
         self.model = model
         self._sample_rate = sample_rate
@@ -145,6 +150,7 @@ class LinearController:
         self._at_rest = state_at_rest(model)
         self._state, self._after = np.zeros((2, model.order))
         self._inputs, self._current = np.zeros(len(model.input_names)), np.zeros(axes)
+        self._position, self._reference = np.zeros((2, axes))
         self._begun = False
         self.configure(parameters)
 
@@ -169,8 +175,10 @@ class LinearController:
         Raises
         ------
         ParameterError
-            If a nominal reference is given for another number of axes; nothing changes.
+            If a nominal reference is given for another number of axes, or they are no LinearControllerParameters;
+            nothing changes.
         """
+        require_kind("parameters", parameters, LinearControllerParameters, "LinearControllerParameters", ParameterError)
         self.nominal_reference = one_each("nominal_reference", parameters.nominal_reference, 0.0, self.axes)
         self.parameters = parameters
 
@@ -192,12 +200,18 @@ class LinearController:
         -------
         ndarray, shape (axes,)
             Control current references (A), limited.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one number for each axis.
         """
+        set_samples(self._position, self._reference, position, reference)
         if self._with_errors:
-            np.subtract(reference, position, out=self._inputs)
+            np.subtract(self._reference, self._position, out=self._inputs)
         else:
-            self._inputs[: self.axes] = reference
-            self._inputs[self.axes :] = position
+            self._inputs[: self.axes] = self._reference
+            self._inputs[self.axes :] = self._position
         self._inputs -= self.model.input_offset
         if not self._begun:
             self._begun = True

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from amb_core.ground.errors import MachineError, bounded
+from amb_core.ground.given_values import kind_of, number, require_kind
 from amb_core.loop.records import LoopRecord, axis_names
 
 MOST_AXES = 16  # and bearings
@@ -96,12 +97,16 @@ class Machine:
     bearings: tuple[MachineBearing, ...]
 
     def __post_init__(self) -> None:
+        _require_tuple("axes", self.axes, MachineAxis)
+        _require_tuple("bearings", self.bearings, MachineBearing)
+        number("sample_rate", self.sample_rate, MachineError)
         names = [axis.name for axis in self.axes]
         if not 1 <= len(names) <= MOST_AXES:
             raise MachineError(f"{len(names)} axes; allowed: 1 to {MOST_AXES}")
         if len(self.bearings) > MOST_AXES:
             raise MachineError(f"{len(self.bearings)} bearings; allowed: up to {MOST_AXES}")
         for name in (self.name, self.source, *names, *(axis.bearing for axis in self.axes), *self._bearing_names):
+            require_kind("name", name, str, "a text", MachineError)
             if len(name) > LONGEST_NAME:
                 raise MachineError(
                     f"name {bounded(repr(name), LONGEST_NAME)} of {len(name)} characters; allowed: {LONGEST_NAME}"
@@ -148,6 +153,11 @@ class Machine:
             Numbers of its axes, ascending; none for another name.
         """
         return [column for column, axis in enumerate(self.axes) if axis.bearing == bearing]
+
+
+def _require_tuple(name: str, items: object, kind: type) -> None:
+    if not isinstance(items, tuple | list) or not all(isinstance(item, kind) for item in items):
+        raise MachineError(f"{name}: {kind_of(items)} is not allowed; allowed: a tuple of {kind.__name__}")
 
 
 def radial_bearings(record: LoopRecord) -> list[LoopRecord]:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.ground.errors import RecordError
+from amb_core.ground.given_values import number, numbers, require_kind, texts, whole_number
+
 _NAMES = {
     1: ("x",),
     2: ("x", "y"),
@@ -44,6 +47,11 @@ class LoopRecord:
         Control current references after the controller's limit (A).
     axes : tuple of str
         Names of the axes; by default those of a machine with as many, see `axis_names`.
+
+    Raises
+    ------
+    RecordError
+        If the three signals have not one shape, or something is of another type; it is a ValueError too.
     """
 
     first_step: int
@@ -54,13 +62,22 @@ class LoopRecord:
     axes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "first_step", whole_number("first_step", self.first_step, RecordError))
+        object.__setattr__(self, "sample_time", number("sample_time", self.sample_time, RecordError))
+        for name in ("reference", "position", "current"):
+            signal = getattr(self, name)
+            if not (isinstance(signal, np.ndarray) and signal.dtype.kind == "f"):
+                object.__setattr__(self, name, numbers(name, signal, RecordError))
         shapes = {self.reference.shape, self.position.shape, self.current.shape}
         if len(shapes) != 1 or self.position.ndim != 2 or not self.position.shape[1]:
-            raise ValueError(f"reference, position and current must all have shape (steps, axes), not {shapes}")
+            raise RecordError(
+                f"reference {self.reference.shape}, position {self.position.shape} and current {self.current.shape}: "
+                "these shapes are not allowed; allowed: (steps, axes), the same for all three"
+            )
         count = self.position.shape[1]
-        object.__setattr__(self, "axes", self.axes or axis_names(count))
+        object.__setattr__(self, "axes", texts("axes", self.axes, RecordError) or axis_names(count))
         if len(self.axes) != count:
-            raise ValueError(f"{count} axes have the names {', '.join(self.axes)}")
+            raise RecordError(f"{count} axes have the names {', '.join(self.axes)}; allowed: {count} names")
 
     @property
     def steps(self) -> int:
@@ -77,12 +94,15 @@ class LoopRecord:
 
         Raises
         ------
-        IndexError
-            If the record does not contain all of them.
+        RecordError
+            If the record does not contain all of them; it is an IndexError too.
         """
+        first_step, steps = (
+            whole_number(name, value, RecordError) for name, value in (("first_step", first_step), ("steps", steps))
+        )
         start = first_step - self.first_step
         if start < 0 or steps < 1 or start + steps > self.steps:
-            raise IndexError(
+            raise RecordError(
                 f"steps {first_step} to {first_step + steps - 1} requested; "
                 f"the record holds {self.first_step} to {self.first_step + self.steps - 1}"
             )
@@ -92,6 +112,7 @@ class LoopRecord:
 
     def identical_to(self, other: LoopRecord) -> bool:
         """Whether both records have the same samples bit for bit."""
+        require_kind("other", other, LoopRecord, "a LoopRecord", RecordError)
         return (
             self.first_step == other.first_step
             and self.sample_time == other.sample_time

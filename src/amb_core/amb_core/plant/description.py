@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from amb_core.ground.errors import PlantError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.parameters import SourcedValue, sourced_values
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant.averaged import coil_references, flux_embedding
@@ -136,6 +138,7 @@ def describe(parameters: PlantParameters, controller: ControllerParameters | Non
     PlantError
         If the plant cannot be built, the controller cannot hold the rotor, or their sample rates differ.
     """
+    require_kind("parameters", parameters, PlantParameters, "PlantParameters", PlantError)
     plant = Plant(parameters)
     controller = controller or ControllerParameters(sample_rate=parameters.integration.sample_rate)
     model = linearize(plant, controller)

@@ -22,6 +22,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.ground.errors import PlantError
+from amb_core.ground.given_values import numbers, require_kind
+from amb_core.ground.parameters import given_set
 from amb_core.linear import LinearSystem
 from amb_core.linear.connections import beside, feedback
 from amb_core.linear.peak import h_infinity_norm
@@ -136,7 +139,12 @@ def linearize(
     ParameterError
         If the sample rates of plant and controller differ.
     """
-    controller = controller or ControllerParameters()
+    require_kind("plant", plant, Plant, "a Plant, such as Plant(parameters)", PlantError)
+    controller = given_set(ControllerParameters, "controller", controller)
+    if position is not None:
+        position = numbers("position", position, PlantError)
+        if position.shape != (2,):
+            raise PlantError(f"position of shape {position.shape} is not allowed; allowed: (2,), x and y in m")
     require_one_rate(controller.sample_rate, 1.0 / plant.sample_time)
     point = point_held_by(controller, plant) if position is None else point_at(position, plant)
     along_axis = axial_point(controller, plant)

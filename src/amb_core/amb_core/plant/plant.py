@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import PlantError
+from amb_core.ground.given_values import kind_of, number, numbers, whole_number
+from amb_core.ground.parameters import given_set
 from amb_core.plant.axial import Axial, unpack_axial
 from amb_core.plant.internal_step import require_short_step
 from amb_core.plant.iron import initial_iron
@@ -27,6 +29,9 @@ from amb_core.plant.rotor import rotor_mass, rotor_model
 from amb_core.plant.sensing import Sensing, quantise
 from amb_core.plant.snapshot import PlantSnapshot
 from amb_core.plant.trace import Trace, row_size, unpack
+
+MOST_TRACED = 1_000_000
+"""Samples of one trace."""
 
 
 class Plant:
@@ -71,7 +76,7 @@ class Plant:
     """
 
     def __init__(self, parameters: PlantParameters | None = None) -> None:
-        self.parameters = parameters = parameters or PlantParameters()
+        self.parameters = parameters = given_set(PlantParameters, "parameters", parameters)
         self.machine = machine_of(parameters)
         self.network = build_network(parameters)
         self.magnetostatics = Magnetostatics(parameters, self.network)
@@ -220,7 +225,15 @@ class Plant:
         -------
         Trace
             Variables at the start of every internal step.
+
+        Raises
+        ------
+        PlantError
+            As `advance`, or if `samples` is no whole number from 1.
         """
+        samples = whole_number("samples", samples, PlantError)
+        if not 1 <= samples <= MOST_TRACED:
+            raise PlantError(f"samples = {samples} is not allowed; allowed: 1 to {MOST_TRACED}")
         rows = np.empty((samples * self._steps, self._no_trace.shape[1]))
         axial_rows = np.empty((0 if self.axial is None else len(rows), ROW_SIZE))
         for sample in range(samples):
@@ -299,6 +312,10 @@ class Plant:
             If a current is not finite, or the position is not finite or not inside the air gap.
         """
         gap = self.parameters.magnetic_circuit.air_gap
+        coil_currents = numbers("coil currents", coil_currents, PlantError)
+        if coil_currents.shape != (COILS,):
+            raise PlantError(f"coil currents of shape {coil_currents.shape} are not allowed; allowed: ({COILS},)")
+        x, y = number("x", x, PlantError), number("y", y, PlantError)
         if not np.isfinite(coil_currents).all():
             raise PlantError(f"coil currents {np.asarray(coil_currents).tolist()} A are not finite")
         if not x**2 + y**2 < gap**2:
@@ -318,10 +335,17 @@ class Plant:
         if self.delevitated:
             raise PlantError(f"the rotor delevitated at sample {self.samples}; reset the plant")
         before, now = self._reference, self._next_reference
-        if len(currents) != len(now):
+        try:
+            count, finite = len(currents), all(map(isfinite, currents))
+        except (TypeError, OverflowError):
+            raise PlantError(
+                f"control current references: {kind_of(currents)} is not allowed; allowed: {len(now)} numbers (A), "
+                f"{', '.join(self.machine.axis_names)}"
+            ) from None
+        if count != len(now):
             names = self.machine.axis_names
-            raise PlantError(f"{len(currents)} control current references; allowed: {len(names)}, {', '.join(names)}")
-        if not all(map(isfinite, currents)):
+            raise PlantError(f"{count} control current references; allowed: {len(names)}, {', '.join(names)}")
+        if not finite:
             raise PlantError(
                 f"control current references {', '.join(f'{current:g}' for current in currents)} A not finite at "
                 f"sample {self.samples + 1}, {(self.samples + 1) * self.sample_time:.6f} s"

@@ -28,6 +28,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import PlantError
+from amb_core.ground.given_values import kind_of
 from amb_core.plant.modal_data import ModalData
 
 _TOLERANCE = 1e-9
@@ -76,6 +77,8 @@ def modal_data_from_ross(
         If the rotor does not have a node or that many modes, or is not a single free shaft that bends along x as it
         does along y.
     """
+    if not hasattr(rotor, "nodes_pos"):
+        raise PlantError(f"rotor: {kind_of(rotor)} is not allowed; allowed: a Rotor of ROSS")
     name = f"ROSS rotor '{rotor.tag}'"
     nodes, z = list(rotor.nodes), np.asarray(rotor.nodes_pos, dtype=np.float64)
     sensor_nodes = bearing_nodes if sensor_nodes is None else sensor_nodes

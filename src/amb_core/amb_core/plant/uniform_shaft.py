@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import PlantError
+from amb_core.ground.given_values import number, numbers, whole_number
 from amb_core.plant.modal_data import ModalData
 
 MOST_BENDING_MODES = 8
@@ -71,6 +72,7 @@ def uniform_shaft(
     sensors = bearings if sensors is None else sensors
     _check_positive(length=length, diameter=diameter, density=density, elastic_modulus=elastic_modulus)
     _check_places(length, bearings=bearings, sensors=sensors)
+    bending_modes = whole_number("bending_modes", bending_modes, PlantError)
     if not 0 <= bending_modes <= MOST_BENDING_MODES:
         raise PlantError(f"uniform shaft: bending_modes = {bending_modes}; allowed: 0 to {MOST_BENDING_MODES}")
 
@@ -105,12 +107,13 @@ def uniform_shaft(
 
 def _check_positive(**values: float) -> None:
     for name, value in values.items():
-        if not (np.isfinite(value) and value > 0.0):
+        if not 0.0 < number(name, value, PlantError) < np.inf:
             raise PlantError(f"uniform shaft: {name} = {value:g}; it must be positive and finite")
 
 
 def _check_places(length: float, **places_of: Sequence[float]) -> None:
     for name, places in places_of.items():
+        places = numbers(name, places, PlantError).tolist()
         if len(places) != 2 or not -0.5 * length <= places[0] < places[1] <= 0.5 * length:
             raise PlantError(
                 f"uniform shaft: {name} = {list(places)} m; needed: two positions, A below B, within "

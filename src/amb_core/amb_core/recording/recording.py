@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from amb_core.ground.errors import BagError
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
+from amb_core.ground.given_values import path_of
 from amb_core.ground.parameters import part_of
 from amb_core.loop.experiments import controller_of, controller_of_bridge, linear_controller_of
 from amb_core.recording.content import DESCRIBING, BagContent
@@ -81,7 +83,7 @@ class Recording(RecordedRuns):
         BagError
             If there is no bag, or if no message of a damaged one can be read.
         """
-        return cls(BagContent(Path(path)))
+        return cls(BagContent(path_of("path", path, BagError)))
 
     @classmethod
     def read_stretch(cls, path: str | Path, run: int | None, first_step: int, stop: int) -> Recording:
@@ -106,7 +108,7 @@ class Recording(RecordedRuns):
         Recording
             A recording with at least these steps, if the bag has them.
         """
-        stretch = cls(BagContent(Path(path), (run, first_step, stop)))
+        stretch = cls(BagContent(path_of("path", path, BagError), (run, first_step, stop)))
         covered = any(start <= first_step and stop <= end for start, end in stretch.spans(run))
         return stretch if covered else cls.read(path)
 

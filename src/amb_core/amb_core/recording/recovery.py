@@ -15,6 +15,7 @@ from pathlib import Path
 
 from amb_core.ground.errors import BagError
 from amb_core.ground.files.regular_files import is_folder
+from amb_core.ground.given_values import path_of, require_kind
 from amb_core.ground.progress import Progress, unseen
 from amb_core.recording.bag_metadata import METADATA, write_metadata
 from amb_core.recording.bag_reader import BagApart
@@ -82,7 +83,7 @@ def inspect_bag(path: str | Path, progress: Progress | None = None) -> BagState:
     BagError
         If there is no such bag.
     """
-    path = Path(path)
+    path = path_of("path", path, BagError)
     files, damage = _files_of(path)
     report = _Reporter("reading", files, progress)
     topics: dict[tuple[str, str], StoredTopic] = {}
@@ -128,7 +129,8 @@ def recover_bag(state: BagState, out: str | Path, progress: Progress | None = No
     BagError
         If nothing can be read, or the new bag cannot be written.
     """
-    folder = Path(out).absolute()
+    require_kind("state", state, BagState, "what inspect_bag returns", BagError)
+    folder = path_of("out", out, BagError).absolute()
     if not state.messages:
         raise BagError(f"bag {state.path}: no message can be read: {'; '.join(state.damage) or 'it is empty'}")
     try:

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from amb_core.ground.errors import BagError
+from amb_core.ground.given_values import path_of
 from amb_core.loop.experiments import AppliedExcitation
 from amb_core.recording.bag_reader import CONTROLLER, BagApart, kind_of
 from amb_core.recording.messages.excitation_status import EXCITATION_STATUS, answer_from_message
@@ -62,7 +64,9 @@ def read_runs(path: str | Path) -> tuple[list[RunOverview], StateSpaceModel | No
     runs: dict[int, RunOverview] = {}
     answers: list[AppliedExcitation] = []
     model: Any = None
-    for message in BagApart(Path(path)).messages(types=[LOOP_SAMPLES, EXCITATION_STATUS, STATE_SPACE_MODEL]):
+    for message in BagApart(path_of("path", path, BagError)).messages(
+        types=[LOOP_SAMPLES, EXCITATION_STATUS, STATE_SPACE_MODEL]
+    ):
         content = message.content
         if message.type == EXCITATION_STATUS:
             answers.append(answer_from_message(content))

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from amb_core.ground.errors import BagError
+from amb_core.ground.given_values import path_of
 from amb_core.loop.telemetry import StepCoverage, describe_gaps
 from amb_core.recording.bag_reader import BagApart
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
@@ -138,7 +139,7 @@ def audit_steps(path: str | Path, run: int) -> StepAudit:
         If there is no bag, or it holds no such run.
     """
     audit = StepAudit()
-    for message in BagApart(Path(path)).messages(types=[LOOP_SAMPLES]):
+    for message in BagApart(path_of("path", path, BagError)).messages(types=[LOOP_SAMPLES]):
         if message.content.run == run:
             block = block_from_message(message.content)
             audit.add(block.first_step, block.steps)

@@ -16,6 +16,7 @@ import yaml
 from rosbags.typesys import Stores, TypesysError, get_typestore
 
 from amb_core.ground.errors import BagError
+from amb_core.ground.given_values import path_of
 from amb_core.recording.bag_metadata import write_metadata
 from amb_core.recording.decoder import register
 from amb_core.recording.mcap_file import McapFile, StoredTopic
@@ -49,7 +50,7 @@ class BagWriter:
     def __init__(
         self, folder: str | Path, chunk_age: float = 0.5, split_size: float = 0.0, split_period: float = 0.0
     ) -> None:
-        self.folder = Path(folder).absolute()
+        self.folder = path_of("folder", folder, BagError).absolute()
         self._chunk_age = chunk_age
         self._split_size = split_size or float("inf")
         self._split_period = 1e9 * (split_period or float("inf"))

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import RegionError
+from amb_core.ground.given_values import numbers, require_kind
+from amb_core.ground.parameters import given_set
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.regions.classifier import RegionClassifier
@@ -79,10 +81,15 @@ def classify(
         If `frequency` has another length, a sample is not finite, the axes are not those of the machine, or the sample
         time is too long; see `RegionParameters.for_sample_time`.
     """
+    require_kind("record", record, LoopRecord, "a LoopRecord", RegionError)
+    parameters = given_set(RegionParameters, "parameters", parameters, RegionError)
+    require_kind("machine", machine, (Machine, type(None)), "a Machine, or None", RegionError)
+    if frequency is not None:
+        frequency = numbers("frequency", frequency, RegionError)
     if frequency is not None and frequency.shape != (record.steps,):
         raise RegionError(f"frequency has shape {frequency.shape}; the record has {record.steps} samples")
     layout = layout_without_machine(record.axes, clearance) if machine is None else layout_of(machine)
-    classifier = RegionClassifier(parameters or RegionParameters(), record.sample_time, layout)
+    classifier = RegionClassifier(parameters, record.sample_time, layout)
     states = classifier.feed(record)
     if delevitated:
         states.append(classifier.delevitate())

@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from amb_core.identification.given import Controller, given_controller
+from amb_core.ground.errors import RobustnessError
+from amb_core.ground.given_values import require_kind
+from amb_core.ground.parameters import given_set
+from amb_core.identification.given import OF_UNCERTAINTY, Controller, given_model, required_controller
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import Arrays
 from amb_core.linear.model import StateSpaceModel
@@ -174,8 +177,10 @@ def assess(
     IdentificationError, ParameterError
         If model and controller do not fit together.
     """
-    settings = settings or RobustnessSettings()
-    law = given_controller(controller, model.sample_time)
+    settings = given_set(RobustnessSettings, "settings", settings)
+    model = given_model(model)
+    require_kind("uncertainty", uncertainty, (ModelUncertainty, type(None)), OF_UNCERTAINTY, RobustnessError)
+    law = required_controller(controller, model.sample_time)
     return assess_loop(feedback_of(model, law, settings.extra_delay), settings, uncertainty)
 
 

@@ -15,8 +15,10 @@ import numpy as np
 from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import RobustnessError
+from amb_core.ground.given_values import require_kind
+from amb_core.ground.parameters import given_set
 from amb_core.ground.results import Result
-from amb_core.identification.given import Controller, given_controller
+from amb_core.identification.given import OF_UNCERTAINTY, Controller, given_model, required_controller
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.linear.model import StateSpaceModel
@@ -198,8 +200,10 @@ def certify(
     IdentificationError, ParameterError, RobustnessError
         If model and controller do not fit together, or limits of zones do not rise.
     """
-    settings = settings or RobustnessSettings()
-    law = given_controller(controller, model.sample_time)
+    settings = given_set(RobustnessSettings, "settings", settings)
+    require_results(validation, uncertainty)
+    model = given_model(model)
+    law = required_controller(controller, model.sample_time)
     checks = [_validated(validation)]
     feedback = feedback_of(model, law, settings.extra_delay)
     assessment: Assessment | None = None
@@ -235,6 +239,13 @@ def certify(
     return Certificate(
         tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved, known, amplitude,
     )  # fmt: skip
+
+
+def require_results(validation: Validation | None, uncertainty: ModelUncertainty | None) -> None:
+    """Raise RobustnessError for what is no result of `validate` or `estimate_uncertainty`."""
+    none = type(None)
+    require_kind("validation", validation, (Validation, none), "what validate returns, or None", RobustnessError)
+    require_kind("uncertainty", uncertainty, (ModelUncertainty, none), OF_UNCERTAINTY, RobustnessError)
 
 
 def _known(

@@ -16,6 +16,8 @@ from amb_core.data.experiments.checks import Severity
 from amb_core.data.experiments.drift import cure_drift
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import AmbError, RobustnessError
+from amb_core.ground.given_values import require_kind
+from amb_core.ground.parameters import given_set
 from amb_core.ground.sample_times import same_sample_time
 from amb_core.identification.controller_check import check_controller
 from amb_core.identification.given import (
@@ -33,7 +35,7 @@ from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.robustness.certificate import Certificate, certify
+from amb_core.robustness.certificate import Certificate, certify, require_results
 from amb_core.robustness.checks import NOT_RUN
 from amb_core.robustness.displacement import largest_displacements
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
@@ -93,8 +95,13 @@ def certify_from_data(
     RobustnessError
         If the controller of the swept sine is not known, or is another one.
     """
+    settings = given_set(RobustnessSettings, "settings", settings)
+    require_results(validation, uncertainty)
+    none = type(None)
+    require_kind("inputs", inputs, (Mapping, none), "SHA-256 by name, or None", RobustnessError)
+    require_kind("swept", swept, (Recorded, none), "what amb_core.read returns, or None", RobustnessError)
     model, law, identified_from, judged_on, uncertainty = _given(model, controller, data, validation_data, uncertainty)
-    feedback = require_fitting(model, law, settings or RobustnessSettings())
+    feedback = require_fitting(model, law, settings)
     if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)
     plain = model
@@ -119,8 +126,8 @@ def certify_from_data(
     displacement = largest_displacements(loops)
     if swept is not None:
         progress("swept sine")
-    extra_delay = (settings or RobustnessSettings()).extra_delay
-    measured, not_measured, remarks = _measured_by(swept, (judged, identified_from), feedback, law, extra_delay)
+    others = (judged, identified_from)
+    measured, not_measured, remarks = _measured_by(swept, others, feedback, law, settings.extra_delay)
     if loops and not displacement:
         remarks += ("the zone after ISO 14839-2 is not known: the data come without the parameters of the bearing",)
     progress("margins, worst cases and bounds")

@@ -10,6 +10,7 @@ import numpy as np
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import RobustnessError
+from amb_core.ground.given_values import path_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController, LinearControl
 
@@ -32,7 +33,7 @@ def sha256_of(path: str | Path) -> str:
     RobustnessError
         If it cannot be read.
     """
-    place, digest = Path(path), hashlib.sha256()
+    place, digest = path_of("path", path, RobustnessError), hashlib.sha256()
     try:
         files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
         for file in files:

@@ -21,7 +21,9 @@ from scipy.signal import find_peaks
 from scipy.special import ndtri
 
 from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.dataset import require_data
 from amb_core.ground.errors import RobustnessError
+from amb_core.identification.given import required_controller
 from amb_core.identification.nonparametric import NonparametricEstimate, estimate_over_periods
 from amb_core.linear import Arrays, Complexes, LinearSystem
 from amb_core.loop.known_controller import KnownController, LinearControl
@@ -158,6 +160,8 @@ def measured_sensitivity(
         If the controller is not one of the data's axes and sample rate, or the data have no reference or do not
         determine the response.
     """
+    require_data(data)
+    controller = required_controller(controller, data.sample_time)
     references = [item.reference for item in data.experiments if item.reference is not None]
     if len(references) < len(data.experiments):
         raise RobustnessError("the sensitivity needs data with the reference; record them with an excitation")

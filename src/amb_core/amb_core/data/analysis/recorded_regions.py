@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from amb_core.data.analysis.recorded_clearance import MONITOR_NODE, recorded_clearance
 from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.checks.faults import frozen_positions
-from amb_core.ground.errors import RegionError
+from amb_core.ground.errors import BagError, RegionError
+from amb_core.ground.given_values import kind_of, whole_number
 from amb_core.ground.parameters import part_of
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
@@ -103,6 +104,11 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     RegionError
         If no sample is finite, or the sample time does not fit the thresholds.
     """
+    if not hasattr(recording, "spans"):  # a bag or a file
+        allowed = "what read_recording or Recording.read returns"
+        raise BagError(f"recording: {kind_of(recording)} is not allowed; allowed: {allowed}")
+    if run is not None:
+        run = whole_number("run", run, BagError)
     spans = recording.spans(run) if recording.runs else []
     if not spans:
         recording.telemetry(run)  # its error lists what is available

@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.data.experiments.experiment import Experiment, line
-from amb_core.ground.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError, one_line
+from amb_core.ground.given_values import number, require_kind, whole_number, whole_numbers
 
 _PASS_BAND = 0.8  # share of the new Nyquist frequency that decimation passes
 _ATTENUATION = 80.0  # dB above the new Nyquist frequency
@@ -46,10 +47,12 @@ def detrend(
     IdentificationError
         If `kind` is not allowed or a value is not finite.
     """
-    if kind not in ("mean", "linear"):
-        raise IdentificationError(f"detrending by {kind!r} is not allowed; allowed: mean, linear")
+    require_data(data)
+    if not isinstance(kind, str) or kind not in ("mean", "linear"):
+        raise IdentificationError(f"detrending by {one_line(repr(kind), 80)} is not allowed; allowed: mean, linear")
     if not all(np.isfinite(item.signals).all() for item in data.experiments):
         raise IdentificationError("data with values that are not finite have no trend; use split_at_invalid first")
+    require_kind("common", common, (bool, np.bool_), "True or False", IdentificationError)
     groups = [data.experiments] if common else [(item,) for item in data.experiments]
     experiments: list[Experiment] = []
     for group in groups:
@@ -77,6 +80,7 @@ def restore(data: IdentificationData) -> IdentificationData:
     IdentificationData
         The data as they were recorded.
     """
+    require_data(data)
     experiments = []
     for item in data.experiments:
         time = item.time(data.sample_time)
@@ -120,9 +124,11 @@ def decimate(data: IdentificationData, factor: int) -> IdentificationData:
     """
     from scipy import signal  # the import takes most of a second; programs that do not need it should not wait for it
 
-    if factor != int(factor) or not 2 <= factor <= HIGHEST_FACTOR:
+    require_data(data)
+    wanted = number("factor", factor, IdentificationError)
+    if not (2 <= wanted <= HIGHEST_FACTOR and wanted.is_integer()):  # not NaN
         raise IdentificationError(f"factor {factor} is not allowed; allowed: integers from 2 to {HIGHEST_FACTOR}")
-    factor = int(factor)
+    factor = int(wanted)
     length, beta = signal.kaiserord(_ATTENUATION, (1.0 - _PASS_BAND) / factor)
     length |= 1  # odd, so that the delay is a number of samples
     taps = signal.firwin(length, 0.5 * (1.0 + _PASS_BAND) / factor, window=("kaiser", beta))
@@ -172,6 +178,8 @@ def split_at_invalid(data: IdentificationData, shortest: int = 1) -> Identificat
     IdentificationError
         If nothing is left.
     """
+    require_data(data)
+    shortest = whole_number("shortest", shortest, IdentificationError)
     experiments = []
     for item in data.experiments:
         valid = np.isfinite(item.signals).all(axis=1)
@@ -209,6 +217,8 @@ def advance_inputs(data: IdentificationData, steps: Sequence[int]) -> Identifica
     IdentificationError
         If there are not as many numbers as inputs, or an experiment has no sample left.
     """
+    require_data(data)
+    steps = whole_numbers("steps", steps, IdentificationError)
     if len(steps) != len(data.input_names):
         raise IdentificationError(f"{len(data.input_names)} inputs need as many numbers of steps, not {len(steps)}")
     back, ahead = max(0, *steps), max(0, *(-step for step in steps))

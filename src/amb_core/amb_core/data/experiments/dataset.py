@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from amb_core.data.experiments.experiment import Experiment, line
 from amb_core.data.experiments.gap import DataGap, gaps_between
 from amb_core.ground.errors import IdentificationError
-from amb_core.ground.given_values import number, numbers, texts, whole_number
+from amb_core.ground.given_values import kind_of, number, numbers, require_kind, texts, whole_number
 from amb_core.loop.records import LoopRecord, sample_rate_of
 
 _MANY_SIGNALS = 16  # with fewer samples than signals, the arrays are transposed
@@ -56,7 +56,7 @@ class IdentificationData:
     clearance: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "experiments", tuple(self.experiments))
+        object.__setattr__(self, "experiments", _experiments(self.experiments))
         for name in ("input_names", "output_names", "input_units", "output_units"):
             object.__setattr__(self, name, texts(name, getattr(self, name), IdentificationError))
         object.__setattr__(self, "sample_time", number("sample_time", self.sample_time, IdentificationError))
@@ -149,6 +149,7 @@ class IdentificationData:
         IdentificationData
             One experiment; the inputs are named `i_` and the axis.
         """
+        require_kind("record", record, LoopRecord, "a LoopRecord", IdentificationError)
         experiment = Experiment(record.current, record.position, record.reference, record.first_step, source)
         inputs = tuple(f"i_{axis}" for axis in record.axes)
         units = (("A",) * len(inputs), ("m",) * len(inputs))
@@ -403,6 +404,22 @@ class IdentificationData:
                 columns = getattr(item, f"{kind}s").shape[1]
                 if columns != len(names):
                     raise IdentificationError(f"experiment {index} has {columns} {kind}s; {len(names)} are named")
+
+
+def require_data(data: object) -> None:
+    """Raise IdentificationError for what is no IdentificationData."""
+    if not isinstance(data, IdentificationData):
+        raise IdentificationError(
+            f"data: {kind_of(data)} is not allowed; allowed: IdentificationData, such as `data` of what amb_core.read "
+            "returns, from_record(record) or from_arrays(inputs, outputs, sample_time)"
+        )
+
+
+def _experiments(given: object) -> tuple[Experiment, ...]:
+    experiments = tuple(given) if isinstance(given, Iterable) else (given,)
+    for item in experiments:
+        require_kind("experiments", item, Experiment, "several of type Experiment", IdentificationError)
+    return experiments
 
 
 def _given(name: str, values: Sequence[str] | None) -> tuple[str, ...]:

@@ -7,12 +7,13 @@ from pathlib import Path
 
 from amb_core.data.experiments.conditioning import split_at_invalid
 from amb_core.data.experiments.csv_files import data_of_text, write_csv
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.data.experiments.description import DataDescription
 from amb_core.data.experiments.mat_files import data_of_variables, write_mat
 from amb_core.data.experiments.npz_files import data_of_arrays, write_npz
 from amb_core.data.tables import Content, Table
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import path_of
 
 _WRITERS: dict[str, Callable[[IdentificationData, Path], None]] = {
     ".csv": write_csv,
@@ -36,7 +37,8 @@ def write_data(data: IdentificationData, path: str | Path) -> None:
     IdentificationError
         If the file name extension is not supported, or the file cannot be written.
     """
-    path = Path(path)
+    require_data(data)
+    path = path_of("path", path, IdentificationError)
     if path.suffix.lower() not in _WRITERS:
         raise IdentificationError(f"data {path}: the file name must end in {', '.join(_WRITERS)}")
     try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.sample_times import difference, same_sample_time
 
@@ -28,7 +28,9 @@ def merge(datasets: Iterable[IdentificationData]) -> IdentificationData:
     IdentificationError
         If there is none, or if sample time, names or units differ.
     """
-    merged = list(datasets)
+    merged = list(datasets) if isinstance(datasets, Iterable) else [datasets]
+    for data in merged:
+        require_data(data)
     if not merged:
         raise IdentificationError("there are no data to merge")
     first = merged[0]

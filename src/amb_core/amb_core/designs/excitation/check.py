@@ -17,6 +17,7 @@ from amb_core.designs.excitation.result import AxisCheck, ExcitationCheck
 from amb_core.designs.excitation.spans import spans_on_one_bearing
 from amb_core.excitation import ExcitationSignal
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.given_values import require_kind
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
 from amb_core.regions import Region
@@ -59,6 +60,9 @@ def check_excitation(
     PlantError
         If the controller cannot hold the rotor.
     """
+    require_kind("signal", signal, ExcitationSignal, "an ExcitationSignal, as generate makes one", ExcitationError)
+    allowed = "a RegionMap, such as RegionMap.load(path)"
+    require_kind("region_map", region_map, RegionMap, allowed, ExcitationError)
     spans = spans_on_one_bearing(signal)
     controller = controller or made_with(region_map, "controller", ControllerParameters)
     plant = plant or made_with(region_map, "plant", PlantParameters)

@@ -19,7 +19,9 @@ from amb_core.designs.excitation.trial import Trial
 from amb_core.excitation import ExcitationSignal, excitation_from_settings, generate
 from amb_core.excitation.axes import ALL, BOTH
 from amb_core.excitation.deterministic import HIGHEST_AMPLITUDE
-from amb_core.ground.errors import ExcitationError
+from amb_core.ground.errors import ExcitationError, one_line
+from amb_core.ground.given_values import number, require_callable, require_kind, whole_number
+from amb_core.ground.parameters import given_set
 from amb_core.ground.progress import Progress
 from amb_core.ground.results import Result
 from amb_core.loop.control import ControllerParameters
@@ -186,9 +188,17 @@ def design_excitation(
         If neither the map nor the caller gives the parameters of the loop.
     """
     _check_options(kind, values, model_order, margin, tolerance)
-    controller = controller or made_with(region_map, "controller", ControllerParameters)
-    plant = plant or made_with(region_map, "plant", PlantParameters)
-    limits = limits or Limits()
+    require_callable("progress", progress, ExcitationError)
+    allowed = "a RegionMap, such as RegionMap.load(path), or None"
+    require_kind("region_map", region_map, (RegionMap, type(None)), allowed, ExcitationError)
+    if controller is None:
+        controller = made_with(region_map, "controller", ControllerParameters)
+    controller = given_set(ControllerParameters, "controller", controller)
+    plant = given_set(
+        PlantParameters, "plant", made_with(region_map, "plant", PlantParameters) if plant is None else plant
+    )
+    regions = given_set(RegionParameters, "regions", regions)
+    limits = given_set(Limits, "limits", limits)
     fields = _fields(kind, values)
 
     signal_of = _Signals(kind, fields, controller.sample_rate)
@@ -269,16 +279,17 @@ def _start(signal: ExcitationSignal, loop: LinearLoop, current_limit: float) -> 
 def _check_options(
     kind: str, values: Mapping[str, Any], model_order: int | None, margin: float, tolerance: float
 ) -> None:
-    if kind not in DESIGNED_KINDS:
-        raise ExcitationError(f"kind {kind!r} is not designed; allowed: {', '.join(DESIGNED_KINDS)}")
+    if not isinstance(kind, str) or kind not in DESIGNED_KINDS:
+        raise ExcitationError(f"kind {one_line(repr(kind), 80)} is not designed; allowed: {', '.join(DESIGNED_KINDS)}")
+    require_kind("values", values, Mapping, "values by name of the field", ExcitationError)
     if "amplitude" in values:
         raise ExcitationError(
             f"amplitude = {values['amplitude']!r} m: the amplitude is what the design finds; leave it out"
         )
     for name, value in (("margin", margin), ("tolerance", tolerance)):
-        if not 0.0 < value <= 1.0:
+        if not 0.0 < number(name, value, ExcitationError) <= 1.0:
             raise ExcitationError(f"{name} = {value!r} is not allowed; it must be above 0, and 1 at most")
-    if model_order is not None and model_order < 1:
+    if model_order is not None and whole_number("model_order", model_order, ExcitationError) < 1:
         raise ExcitationError(f"model_order = {model_order!r} is not allowed; it must be 1 or more")
 
 

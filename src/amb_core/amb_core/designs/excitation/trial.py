@@ -27,7 +27,7 @@ from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.simulation import simulate_first_bearing
+from amb_core.plant.simulation import require_loop, simulate_first_bearing
 from amb_core.regions import Onset, Region, RegionParameters, classify
 
 
@@ -92,6 +92,7 @@ class TrialBench:
         regions: RegionParameters | None = None,
         rest: float = 1.0,
     ) -> None:
+        require_loop(plant, controller)
         self.regions = regions or RegionParameters(backup_bearing_radius=plant.rotor.backup_bearing_radius)
         self._plant = Plant(plant)
         self._one_axis = plant.magnetic_circuit.actuators != "two_axis"

@@ -43,7 +43,7 @@ def open_regular(path: str | Path, limit: int | None = None) -> BinaryIO:
         _check(Path(path).stat(), limit)  # before it is opened: opening alone can have an effect on a device
         # The file may have been exchanged since: do not wait for the writer of a pipe, and check again.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except ValueError as problem:  # a NUL in the path
+    except (ValueError, TypeError) as problem:  # a NUL in the path, or no path at all
         raise OSError(errno.EINVAL, f"the path is not allowed: {problem}") from None
     try:
         _check(os.fstat(descriptor), limit)

@@ -27,6 +27,7 @@ from scipy import linalg
 from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.checks import highest_excited_order
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind, whole_numbers
 from amb_core.identification.estimate.data_triangle import DataTriangle, PastRegression
 from amb_core.identification.estimate.filter_bank import Fit, Modes, fit_gains
 from amb_core.identification.estimate.finite_memory import FiniteMemory, halves, memory_of
@@ -132,6 +133,10 @@ def select_order(
         If an order is not allowed, the data are too few or determine no model, or the selection is cancelled.
     """
     watch = Watch(progress, cancelled)
+    require_kind("data", data, IdentificationData, "IdentificationData", IdentificationError)
+    require_kind("feedthrough", feedthrough, (bool, np.bool_), "True or False", IdentificationError)
+    if orders is not None:
+        orders = whole_numbers("orders", orders, IdentificationError)
     tried = tuple(sorted(set(orders))) if orders is not None else tuple(range(1, HIGHEST + 1))
     if not tried:
         raise IdentificationError("there are no orders to choose from")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind, whole_number
 from amb_core.identification.estimate.predictor import filter_gain
 from amb_core.linear.model.state_space import StateSpaceModel
 
@@ -70,6 +71,8 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
     IdentificationError
         If the order is below 1 or the number of unstable poles, or above that of the states that matter.
     """
+    require_kind("model", model, StateSpaceModel, "a StateSpaceModel", IdentificationError)
+    order = whole_number("order", order, IdentificationError)
     unstable, into, out_of, values = _balanced(model)
     least, most = max(1, unstable), len(into)
     if not least <= order <= most:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import numbers
 from amb_core.identification.estimate.predictor import innovations
 from amb_core.linear.model.state_space import StateSpaceModel
 
@@ -159,7 +160,13 @@ def _labels(outputs: int, inputs: int) -> dict[str, Any]:
 
 def _joined(kind: str, samples: Samples) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """All experiments in one array, and the steps of each."""
-    parts = [samples] if isinstance(samples, np.ndarray) else [np.asarray(part) for part in samples]
+    given = [samples] if isinstance(samples, np.ndarray) or not isinstance(samples, Iterable) else samples
+    parts = [
+        part
+        if isinstance(part, np.ndarray) and part.dtype == np.float64
+        else numbers(f"{kind}s", part, IdentificationError)
+        for part in given
+    ]
     for part in parts:
         if part.ndim != 2 or 0 in part.shape:
             raise IdentificationError(

@@ -19,6 +19,9 @@ from dataclasses import replace
 import numpy as np
 
 from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.dataset import require_data
+from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind
 from amb_core.identification.estimate.levenberg_marquardt import minimise
 from amb_core.identification.focus.gain import fit_kalman_gain
 from amb_core.identification.focus.problem import SimulationProblem
@@ -76,6 +79,8 @@ def focus_simulation(
         If no experiment has a reference, the data are too few or not finite, the start is not stable, or the
         identification is cancelled.
     """
+    require_kind("model", model, StateSpaceModel, "a StateSpaceModel", IdentificationError)
+    require_data(data)
     watch = Watch(progress, cancelled)
     with small_matrices(f"no simulation focus for the model of order {model.order}"):
         problem = SimulationProblem(model, data, controller, free_offset)

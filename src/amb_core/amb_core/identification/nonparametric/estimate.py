@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind, whole_number
 from amb_core.identification.frequency_response import FrequencyResponse
 from amb_core.identification.given import Data, given_loop
 from amb_core.identification.nonparametric.bands import over_bands
@@ -114,6 +115,9 @@ def estimate_response(data: Data, period: int | None = None, *, open_loop: bool 
         If no experiment has a reference, all are too short, or the references cannot separate the inputs.
     """
     data = given_loop(data).data
+    if period is not None and (period := whole_number("period", period, IdentificationError)) < 1:
+        raise IdentificationError(f"period = {period} is not allowed; allowed: 1 sample or more")
+    require_kind("open_loop", open_loop, (bool, np.bool_), "True or False", IdentificationError)
     experiments = _signals(data, open_loop)
     if not experiments:
         raise IdentificationError(f"the experiments are too short; {_FEWEST_STEPS} samples of one are needed")

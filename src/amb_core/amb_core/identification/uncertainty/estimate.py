@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from amb_core.data.experiments import IdentificationData
+from amb_core.data.experiments.dataset import require_data
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.estimate.local_coordinates import local_directions
 from amb_core.identification.estimate.predictor import experiments
@@ -146,6 +148,8 @@ def _sensitivities(model: StateSpaceModel, data: ScaledData) -> tuple[Directions
 
 
 def _check(model: StateSpaceModel, data: IdentificationData) -> None:
+    require_kind("model", model, StateSpaceModel, "a StateSpaceModel", IdentificationError)
+    require_data(data)
     if (len(model.input_names), len(model.output_names)) != (len(data.input_names), len(data.output_names)):
         raise IdentificationError(
             f"the model has {len(model.input_names)} inputs and {len(model.output_names)} outputs, "

@@ -14,10 +14,12 @@ from amb_core.data.experiments import Finding, IdentificationData, Severity, res
 from amb_core.data.experiments.checks import check_recording, evidence_of
 from amb_core.data.experiments.tones import cure_tones
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import require_kind, whole_number, whole_numbers
 from amb_core.ground.sample_times import difference, same_sample_time
 from amb_core.identification.closed_loop import closed_loop_poles
 from amb_core.identification.controller_check import NOT_CHECKED, added_constant, check_controller
 from amb_core.identification.given import (
+    OF_UNCERTAINTY,
     Controller,
     Data,
     Model,
@@ -28,6 +30,7 @@ from amb_core.identification.given import (
 )
 from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
+from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.validation.deviations import effects_of, find_deviations
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
@@ -45,7 +48,6 @@ from amb_core.linear.numerics import one_blas_thread
 from amb_core.loop.known_controller import KnownController
 
 if TYPE_CHECKING:
-    from amb_core.identification.uncertainty import ModelUncertainty
     from amb_core.plant import PlantParameters
 
 HORIZONS = (1, 5, 20, 100)
@@ -96,15 +98,29 @@ def validate(
     IdentificationError
         If model and data do not fit together, the predictor is unstable, or the data are too short or do not move.
     """
+    _require_kinds(uncertainty, plant, search)
     loop, identified = given_loop(data), model
     model = given_model(model, loop.data)
     if is_identified(identified):
         uncertainty, search = uncertainty or identified.uncertainty, search or identified.search
     law = given_controller(controller, loop.data.sample_time, loop.data) or loop.controller
+    if horizons is not None:
+        horizons = whole_numbers("horizons", horizons, IdentificationError)
+    lags = whole_number("lags", lags, IdentificationError)
     plant = plant or loop.plant
     return _validate(
         model, loop.data, law, uncertainty=uncertainty, plant=plant, search=search, horizons=horizons, lags=lags
     )
+
+
+def _require_kinds(uncertainty: object, plant: object, search: object) -> None:
+    none = type(None)
+    require_kind("uncertainty", uncertainty, (ModelUncertainty, none), OF_UNCERTAINTY, IdentificationError)
+    require_kind("search", search, (SearchEnd, none), "a SearchEnd, or None", IdentificationError)
+    if plant is not None:
+        from amb_core.plant import PlantParameters  # loads a compiler
+
+        require_kind("plant", plant, PlantParameters, "PlantParameters, or None", IdentificationError)
 
 
 def _validate(

@@ -23,7 +23,7 @@ from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables, save_variables
 from amb_core.ground.files.regular_files import MIB, is_folder, read_text
-from amb_core.ground.given_values import number, path_of, whole_number
+from amb_core.ground.given_values import kind_of, number, path_of, whole_number
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
 
@@ -109,7 +109,13 @@ class StateSpaceModel(LinearSystem):
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
-            array = np.array(getattr(self, name), dtype=np.float64, order="C")
+            try:
+                array = np.array(getattr(self, name), dtype=np.float64, order="C")
+            except (TypeError, ValueError):  # texts, rows of different lengths
+                allowed = "an array of real numbers"
+                raise IdentificationError(
+                    f"{name}: {kind_of(getattr(self, name))} is not allowed; allowed: {allowed}"
+                ) from None
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         for kind in ("input", "output"):

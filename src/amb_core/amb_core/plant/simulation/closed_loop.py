@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import ExcitationError, ParameterError
+from amb_core.ground.given_values import numbers, require_callable, require_kind, whole_number
 from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters, PdController, require_one_rate
 from amb_core.loop.law import ControlLaw
 from amb_core.loop.machine import first_bearing
 from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
+
+MOST_STEPS = 10**9
+"""Of a run: its samples would fill 50 GB."""
 
 
 def simulate(
@@ -48,19 +52,26 @@ def simulate(
     Raises
     ------
     ParameterError
-        If the sample rates or axes of plant and controller differ, or `steps` is negative.
+        If plant or controller are something else, their sample rates or axes differ, or `steps` is negative.
     ExcitationError
         If the excitation has another shape, holds a value that is not finite, or begins outside the run.
     """
+    _require_plant(plant)
+    allowed = "a control law, such as PdController(ControllerParameters()) or a LinearController"
+    require_kind("controller", controller, ControlLaw, allowed, ParameterError)
     require_one_rate(controller.sample_rate, 1.0 / plant.sample_time)
     if controller.axes != len(plant.machine.axes):
         raise ParameterError(
             f"the controller has {controller.axes} axes, the machine {len(plant.machine.axes)}: "
             f"{', '.join(plant.machine.axis_names)}"
         )
-    if steps < 0:
-        raise ParameterError(f"steps = {steps} is not allowed; allowed: 0 or more")
+    require_callable("progress", progress, ParameterError)
+    steps = whole_number("steps", steps, ParameterError)
+    if not 0 <= steps <= MOST_STEPS:
+        raise ParameterError(f"steps = {steps} is not allowed; allowed: 0 or more, up to {MOST_STEPS}")
+    excitation_step = whole_number("excitation_step", excitation_step, ExcitationError)
     if excitation is not None:
+        excitation = numbers("excitation", excitation, ExcitationError)
         _check_excitation(excitation, excitation_step, steps, plant.machine.axis_names)
     plant.reset()
     controller.reset()
@@ -114,12 +125,25 @@ def simulate_first_bearing(
     -------
     LoopRecord
         The samples of the first bearing; fewer than `steps` if the rotor delevitated.
+
+    Raises
+    ------
+    ParameterError, ExcitationError
+        As `simulate`; the excitation has two columns.
     """
+    _require_plant(plant)
     axes = len(plant.machine.axes)
+    excitation = numbers("excitation", excitation, ExcitationError)
+    if excitation.shape[1:] != (2,):
+        raise ExcitationError(f"the excitation has shape {excitation.shape}; allowed: (n, 2), axes x and y")
     every_axis = np.zeros((len(excitation), axes))
     every_axis[:, :2] = excitation
     controller = PdController(parameters, axes)
     return first_bearing(simulate(plant, controller, steps, every_axis, excitation_step, progress))
+
+
+def _require_plant(plant: object) -> None:
+    require_kind("plant", plant, Plant, "a Plant, such as Plant(PlantParameters())", ParameterError)
 
 
 def _check_excitation(excitation: NDArray[np.float64], first: int, steps: int, axes: tuple[str, ...]) -> None:

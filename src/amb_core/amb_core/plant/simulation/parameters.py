@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from amb_core.ground.errors import ParameterError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.parameters import P, declarations, flatten, own_declarations, refuse_those_of_machine, validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -47,6 +49,8 @@ def with_values(
     ParameterError
         If a name is unknown or a value out of its range.
     """
+    require_loop(plant, controller)
+    require_kind("values", values, Mapping, "values by name, such as {'rotor.gravity': 0.0}", ParameterError)
     of_controller = {
         name.removeprefix(CONTROLLER): value for name, value in values.items() if name.startswith(CONTROLLER)
     }
@@ -54,6 +58,23 @@ def with_values(
     refuse_those_of_machine(ControllerParameters, of_controller)
     changed = _changed(plant, of_plant)
     return changed, _changed(controller, of_controller).at_rate(changed.integration.sample_rate)
+
+
+def require_loop(plant: PlantParameters, controller: ControllerParameters) -> None:
+    """Check that they are the parameters of a plant and of its controller.
+
+    Parameters
+    ----------
+    plant, controller : PlantParameters, ControllerParameters
+        The loop.
+
+    Raises
+    ------
+    ParameterError
+        If one is something else, such as a `Plant` or a dict.
+    """
+    require_kind("plant", plant, PlantParameters, "PlantParameters", ParameterError)
+    require_kind("controller", controller, ControllerParameters, "ControllerParameters", ParameterError)
 
 
 def _changed(parameters: P, values: Mapping[str, Any]) -> P:

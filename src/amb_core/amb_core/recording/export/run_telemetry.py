@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.errors import BagError
+from amb_core.ground.given_values import path_of
 from amb_core.ground.progress import Progress, unseen
 from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
@@ -80,7 +81,7 @@ class RunTelemetry:
         end: float | None = None,
         progress: Progress | None = None,
     ) -> None:
-        self.path = Path(path)
+        self.path = path_of("path", path, BagError)
         self._progress = progress or unseen
         runs = self._survey()
         if run is not None and run not in runs:

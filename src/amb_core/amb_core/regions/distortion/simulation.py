@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from amb_core.ground.errors import SpectrumError
+from amb_core.ground.errors import ParameterError, SpectrumError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.progress import Progress
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.simulation import simulate_first_bearing
+from amb_core.plant.simulation import require_loop, simulate_first_bearing
 from amb_core.regions.distortion.measurement import PeriodicResponse, measure_distortion
 from amb_core.regions.distortion.result import Distortion
 from amb_core.regions.distortion.settings import DistortionSettings
@@ -49,6 +50,8 @@ def simulate_distortion(
     PlantError, ParameterError
         As `simulate`.
     """
+    require_loop(plant, controller)
+    require_kind("settings", settings, DistortionSettings, "DistortionSettings", ParameterError)
     lines = lines_of(settings, plant.integration.sample_rate)
     experiments = len(EXPERIMENTS[settings.axes])
     chosen = range(settings.realisations) if realisations is None else realisations

@@ -10,9 +10,11 @@ from pathlib import Path
 
 from amb_core.excitation.axes import factors_of
 from amb_core.ground.errors import ExcitationError, RegionError, TaskError
+from amb_core.ground.given_values import require_kind
 from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
+from amb_core.plant.simulation import require_loop
 from amb_core.regions import RegionParameters
 from amb_core.regions.region_map.excited_axes import axes_of_first_bearing
 from amb_core.regions.region_map.map_sweep import MapSweep
@@ -224,6 +226,8 @@ class _Sweeps:
 
 def _checked(settings: MapSettings, plant: PlantParameters, controller: ControllerParameters) -> MapSettings:
     """The settings with the names of the machine's axes, if the loop allows them."""
+    require_kind("settings", settings, MapSettings, "MapSettings", RegionError)
+    require_loop(plant, controller)
     rate = controller.sample_rate
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
     if settings.frequency_end > 0.5 * rate:

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from amb_core.excitation import Tones, generate
 from amb_core.ground.errors import ExcitationError
+from amb_core.ground.parameters import given_set
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import Plant, PlantParameters
-from amb_core.plant.simulation import simulate_first_bearing
+from amb_core.plant.simulation import require_loop, simulate_first_bearing
 from amb_core.regions.subharmonics.analysis import analyse, block_periods
 from amb_core.regions.subharmonics.results import SubharmonicSpectrum
 from amb_core.regions.subharmonics.settings import WHOLE, SubharmonicSettings
@@ -43,7 +44,7 @@ def run_subharmonics(
         If a tone is not below the Nyquist frequency, a block is not a whole number of samples, or plant and controller
         have different sample rates.
     """
-    settings = settings or SubharmonicSettings()
+    settings = given_set(SubharmonicSettings, "settings", settings)
     check(plant, controller, settings)
     rate = controller.sample_rate
     block, _ = block_periods(settings, 1.0 / rate)
@@ -65,6 +66,7 @@ def run_subharmonics(
 
 def check(plant: PlantParameters, controller: ControllerParameters, settings: SubharmonicSettings) -> None:
     """Reject a test that does not suit the loop, as `run_subharmonics` does."""
+    require_loop(plant, controller)
     actuators = plant.magnetic_circuit.actuators
     if actuators != "two_axis" and settings.axis != "y":
         raise ExcitationError(

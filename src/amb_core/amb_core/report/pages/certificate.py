@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from amb_core.ground.errors import AmbError
+from amb_core.ground.given_values import path_of, require_kind
 from amb_core.report.figures.robustness import mu_chart, sensitivity_chart
 from amb_core.report.pages.certificate_trace import header_table, signature_section, trace_section
 from amb_core.report.pages.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
@@ -57,7 +58,8 @@ def write_certificate(certificate: Certificate, folder: str | Path) -> Path:
     AmbError
         If they cannot be written.
     """
-    page = Path(folder) / "certificate.html"
+    require_kind("certificate", certificate, Certificate, "what certify returns", AmbError)
+    page = path_of("folder", folder) / "certificate.html"
     values, printed = page.with_suffix(".json"), page.with_suffix(".pdf")
     try:
         printed.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from amb_core.ground.errors import AmbError
 from amb_core.ground.extras import extra
+from amb_core.ground.given_values import path_of
 from amb_core.ground.version import __version__
 from amb_core.report.figures.saving import DRAWING, STYLE, page_fragment
 from amb_core.report.pages.breaks import breakable
@@ -63,7 +64,7 @@ def write_report(report: Report, path: str | Path) -> None:
         script=Markup(get_plotlyjs()),
         page_script=Markup(DRAWING + (folder / "page.js").read_text(encoding="utf-8")),
     )
-    target = Path(path)
+    target = path_of("path", path)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         if target.exists():

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from amb_core.ground.errors import AmbError
+from amb_core.ground.errors import AmbError, ProjectError
 from amb_core.ground.files.parameter_files import ParameterFile
 from amb_core.ground.files.regular_files import read_text
+from amb_core.ground.given_values import path_of
 from amb_core.ground.parameters import Parameters, load_parameters
 from amb_core.ground.results import Result
 from amb_core.loop.control import ControllerParameters
@@ -91,7 +92,7 @@ def status_of(folder: str | Path) -> ProjectStatus:
     ProjectError
         If it is not a folder that can be read.
     """
-    place = Path(folder)
+    place = path_of("folder", folder, ProjectError)
     judge = _Judge(place)
     items = tuple(judge.judged(item) for item in find_items(place))
     return ProjectStatus(items, next_step(items))

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from amb_core.ground.errors import PlantError, TaskError
-from amb_core.ground.parameters import flatten, validate
+from amb_core.ground.given_values import numbers
+from amb_core.ground.parameters import flatten, given_set, validate
 from amb_core.ground.progress import Progress, unseen
 from amb_core.ground.results import plain
 from amb_core.ground.tasks import Request, ResultCache, cache_folder, run
@@ -22,6 +23,7 @@ from amb_core.linear.model.state_space import StateSpaceModel
 from amb_core.loop.control import ControllerParameters, require_one_rate
 from amb_core.plant import PlantParameters
 from amb_core.plant.campbell import Campbell, campbell
+from amb_core.plant.simulation import require_loop
 from amb_core.rig.running_speeds.settings import SpeedSettings
 from amb_core.rig.running_speeds.speed_run import SpeedTask
 
@@ -191,11 +193,12 @@ def identify_over_speeds(
     TaskError
         If the scheduler does not answer, or the local processes do not start.
     """
-    speed = [float(value) for value in speeds]
+    require_loop(plant, controller)
+    speed = numbers("speeds", speeds, PlantError).ravel().tolist()
     if not speed or np.any(np.diff(speed) <= 0.0):
         raise PlantError(f"running speeds {speed} Hz are not allowed; needed: at least one, ascending")
     require_one_rate(controller.sample_rate, plant.integration.sample_rate)
-    settings = settings or SpeedSettings()
+    settings = given_set(SpeedSettings, "settings", settings)
     models: dict[float, StateSpaceModel | TaskError] = {}
     report = progress or unseen
 

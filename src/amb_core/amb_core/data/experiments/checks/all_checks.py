@@ -23,8 +23,9 @@ from amb_core.data.experiments.checks.samples import (
     check_sample_time,
 )
 from amb_core.data.experiments.conditioning import split_at_invalid
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import number, require_kind, whole_number
 from amb_core.linear.numerics import one_blas_thread
 
 if TYPE_CHECKING:
@@ -68,6 +69,11 @@ def check_data(
     IdentificationError
         If the order is below 1, or a limit has a name that no signal of the data has.
     """
+    require_data(data)
+    order = whole_number("order", order, IdentificationError)
+    if sample_time is not None:
+        sample_time = number("sample_time", sample_time, IdentificationError)
+    require_kind("limits", limits, (Mapping, type(None)), "limits by name of the signal, or None", IdentificationError)
     if order < 1:
         raise IdentificationError(f"order {order} is not allowed; it must be 1 or more")
     findings = [check_finite(data), check_gaps(data), check_sample_time(data, sample_time), check_roles(data)]

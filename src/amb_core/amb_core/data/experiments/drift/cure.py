@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy import linalg
 
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.data.experiments.drift.autoregression import LAGS, fit, scales
 from amb_core.data.experiments.drift.find import Drift, find_drift, long_enough, undrifted
 from amb_core.data.experiments.drift.prefilter import CORNER, high_pass, log_gain
@@ -80,6 +80,7 @@ def cure_drift(data: IdentificationData, option: DriftOption = "auto") -> DriftC
     DriftCure or None
         The data without drift, and what was removed; None if nothing was.
     """
+    require_data(data)
     if option == "none":
         return None
     drift = find_drift(data)

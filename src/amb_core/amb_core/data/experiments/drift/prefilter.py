@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.data.experiments.dataset import IdentificationData
+from amb_core.data.experiments.dataset import IdentificationData, require_data
 from amb_core.data.experiments.experiment import Experiment
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.given_values import whole_number
 
 CORNER = 1.0
 """Frequency at which the filter passes half the amplitude, times the length of its window."""
@@ -49,6 +50,8 @@ def high_pass(data: IdentificationData, length: int) -> IdentificationData:
     IdentificationError
         If the length is not allowed, or an experiment is not longer.
     """
+    require_data(data)
+    length = whole_number("length", length, IdentificationError)
     if length < 3 or length % 2 == 0:
         raise IdentificationError(f"a moving average of {length} samples is not allowed; allowed: odd numbers from 3")
     kernel = _kernel(length)
