@@ -347,8 +347,8 @@ class HardwareBridgeNode(ManagedNode):
     def _on_off(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Currents off, in whatever state target and node are; the rotor falls onto its backup bearings."""
         link = self._connected()
-        self.get_logger().warning("off: asked for")
         self.called_off.set()
+        self.get_logger().warning("off: asked for")
         self._excitable = False
         with self._lifting:
             link.land(0.0)

@@ -74,6 +74,7 @@ def test_a_levitation_that_is_on_its_way_is_not_carried_out_after_the_currents_a
     levitated = rig.asked("activate")
     rig.graph.wait_until(lambda: asked_for(rig), "the levitation")
     off = rig.graph.asked(Trigger, "/amb/hardware_bridge/off")
+    rig.graph.wait_until(lambda: "off: asked for" in rig.bridge.said, "the request")
     rig.end("hold levitate")
     assert off().success
     assert not levitated()
