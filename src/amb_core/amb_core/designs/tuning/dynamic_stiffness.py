@@ -23,6 +23,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.linear import LinearSystem
 from amb_core.loop.linear_control import linear_law
 from amb_core.plant import Plant
 from amb_core.plant.averaged import AveragedPlant
@@ -68,15 +69,16 @@ def dynamic_stiffness(plant: Plant, model: Linearization, omega: float) -> NDArr
     """
     continuous, s = model.continuous, 1j * omega
     forces, journals = _at_journals(plant, model)
-    radial = forces.shape[1]
-    by_inputs = np.linalg.solve(s * np.eye(continuous.order) - continuous.a, np.hstack([forces, continuous.b]))
-    by_force, by_current = np.split(by_inputs, [radial], axis=1)
+    inputs, outputs = np.hstack([forces, continuous.b]), np.vstack([continuous.c, journals])
+    opened = LinearSystem(continuous.a, inputs, outputs, np.zeros((len(outputs), inputs.shape[1])), 0.0)
+    response = opened.at(s)[0]
+    by_force, by_current = response[:, : forces.shape[1]], response[:, forces.shape[1] :]
     z = np.exp(s * model.discrete.sample_time)
     sampled = model.discrete.at(z)[0]
     law = linear_law(model.controller, continuous.inputs).at(z)[0][:, continuous.inputs :]  # of the measured positions
-    measured = np.linalg.solve(np.eye(continuous.outputs) - sampled @ law, continuous.c @ by_force)
-    currents = np.linalg.solve(continuous.c @ by_current, sampled @ law @ measured)
-    return np.asarray(np.linalg.inv(journals @ (by_force + by_current @ currents)))
+    measured = np.linalg.solve(np.eye(continuous.outputs) - sampled @ law, by_force[: continuous.outputs])
+    currents = np.linalg.solve(by_current[: continuous.outputs], sampled @ law @ measured)
+    return np.asarray(np.linalg.inv((by_force + by_current @ currents)[continuous.outputs :]))
 
 
 def _at_journals(plant: Plant, model: Linearization) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
