@@ -12,6 +12,8 @@ import pytest
 
 from amb_bringup.client import AmbClient, ClientError, Experiment
 from amb_bringup.client.experiment import RigStand, SimulatorStand, running_stand
+from amb_bringup.experiments import experiment_session
+from amb_bringup.experiments.experiment_session import GraphChoice, run_session
 from amb_bringup.graph.launcher import Graph as LaunchedGraph
 from amb_bringup.graph.launcher import launch_file
 from amb_bringup.graph.packages import find_executable
@@ -74,6 +76,18 @@ def test_the_client_does_the_same_on_a_graph_that_runs(tmp_path: Path, own_domai
             assert len(fallen.runs) == 2
             with pytest.raises(ClientError, match="there is no experiment to carry out"):
                 amb.experiment([])
+
+
+def test_no_graph_is_started_beside_another_that_is_found_late(
+    graph: Graph, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain))
+    monkeypatch.setattr(experiment_session, "graph_runs", lambda _amb: False)  # as on a loaded machine
+    graph.start("amb_sim_node.simulator")
+    experiments = [Experiment("square", Square(amplitude=5e-6, duration=0.1, axes="x", frequency=20.0))]
+    with pytest.raises(ClientError, match=f"another graph runs in the DDS domain {graph.domain}: .* simulator too"):
+        run_session(experiments, tmp_path / "bag", GraphChoice(), lambda *_: None)
+    assert not (tmp_path / "bag").exists()
 
 
 def test_a_client_finds_the_graph_of_its_own_namespace_beside_another(graph: Graph) -> None:

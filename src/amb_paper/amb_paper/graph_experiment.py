@@ -13,10 +13,10 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from amb_bringup.client import AmbClient, amb_client, connection
+from amb_bringup.client import amb_client, connection
 from amb_bringup.demos.demo_run import controller_of, plant_of
-from amb_bringup.graph import launch_file, launcher
-from amb_bringup.graph.launcher import Graph, own_domain
+from amb_bringup.graph import launch_file, launcher, own_graph
+from amb_bringup.graph.launcher import own_domain
 from amb_bringup.graph.packages import NODE_PACKAGES, share_folder
 from amb_core.excitation import Excitation, ExcitationSignal, generate
 from amb_core.ground.errors import BagError
@@ -28,7 +28,7 @@ from amb_core.recording import Recording
 from amb_paper.study import Claim, StudyError
 
 SETTLING = 2_000  # steps; the rotor falls to its sag and comes to rest
-_MODULES = (amb_client, connection, launch_file, launcher)
+_MODULES = (amb_client, connection, launch_file, launcher, own_graph)
 
 
 @dataclass(frozen=True)
@@ -127,10 +127,7 @@ class GraphExperiment:
         except OSError as problem:
             raise StudyError(f"bag {bag}: cannot be written: {problem.strerror}") from None
         arguments = {"params": str(_parameter_file())}
-        with (
-            Graph.from_launch_file(launcher.launch_file("bearing"), arguments, {"ROS_DOMAIN_ID": str(domain)}) as graph,
-            AmbClient(domain_id=domain) as amb,
-        ):
+        with own_graph.own_graph("bearing", arguments, domain) as (graph, amb):
             amb.start_recording(str(bag.absolute()))
             run = amb.reset()
             amb.start_excitation(self.excitation.kind, first_step=SETTLING, **self.excitation.model_dump())

@@ -6,6 +6,7 @@ import math
 import os
 import time
 import weakref
+from collections import Counter
 from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -109,13 +110,15 @@ class GraphConnection:
         if not self._leave.alive:
             raise ClientError("this client is closed; open another")
 
-    def wait_for_nodes(self, check: Callable[[], None] = lambda: None) -> None:
+    def wait_for_nodes(self, check: Callable[[], None] = lambda: None, timeout: float | None = None) -> None:
         """Wait until all nodes of the graph are available.
 
         Parameters
         ----------
         check : callable, optional
             Called while waiting; may raise an error, which ends the wait.
+        timeout : float, optional
+            Longest wait for each (s); that of the connection by default.
         """
         self.require_open()
         for name in self._nodes:
@@ -125,7 +128,7 @@ class GraphConnection:
                 check()
                 return bool(client.service_is_ready())
 
-            self.wait_until(ready, complaint=f"node {name} did not appear; is it running?")
+            self.wait_until(ready, timeout, f"node {name} did not appear; is it running?")
             self.node.destroy_client(client)
 
     def wait_until(
@@ -161,9 +164,24 @@ class GraphConnection:
         set of str
             Their names, without the namespace.
         """
+        return set(self._running())
+
+    def doubled_nodes(self) -> list[str]:
+        """Nodes of the graph that run more than once: requests to them reach all.
+
+        Returns
+        -------
+        list of str
+            Their names, without the namespace.
+        """
+        running = self._running()
+        return [name for name in self._nodes if running[name] > 1]
+
+    def _running(self) -> Counter[str]:
+        """How many nodes of each name run in the namespace."""
         self.require_open()
         space = self.node.get_namespace()
-        return {name for name, other in self.node.get_node_names_and_namespaces() if other == space}
+        return Counter(name for name, other in self.node.get_node_names_and_namespaces() if other == space)
 
     def spin_once(self, timeout: float = 0.1) -> None:
         """Process the next message.

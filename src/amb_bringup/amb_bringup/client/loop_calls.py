@@ -33,6 +33,7 @@ from amb_ros.qos import LATCHED
 from amb_ros.requests import COMPUTED, QUICKLY
 from amb_ros.subscriptions import create_subscription
 
+TIMEOUT = 20.0  # s, for everything else
 EXCITATION_TIMEOUT = 120.0  # s; generator and controller may have to search for the phases of a long multisine
 
 
@@ -92,7 +93,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
     def __init__(
         self,
         namespace: str = topics.NAMESPACE,
-        timeout: float = 20.0,
+        timeout: float = TIMEOUT,
         domain_id: int | None = None,
         nodes: Sequence[str] = NODES,
     ) -> None:

@@ -18,7 +18,7 @@ from amb_bringup.commands.options import ParamsOption, declared_options
 from amb_bringup.commands.results import make_folder, write_json
 from amb_bringup.commands.terminal import Terminal
 from amb_bringup.exit_codes import CHECK_FAILED
-from amb_bringup.graph.launcher import Graph, launch_file, own_domain
+from amb_bringup.graph.launcher import own_domain
 from amb_bringup.graph.node_parameters import check_parameter_file, require_emulated_target
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NAMESPACE, RIG_NODES, ParameterFile
 from amb_core.ground.parameters import part_of, validate
@@ -60,8 +60,8 @@ def commission(
     After a step that fails, and after Ctrl-C, the rotor is landed. Results of an earlier session in the folder are
     replaced. Exit code 0 if no step failed, 3 if one did. See docs/how-to/commission-a-rig.md.
     """
-    from amb_bringup.client import AmbClient
     from amb_bringup.experiments.commissioning import Session
+    from amb_bringup.graph.own_graph import own_graph
     from amb_core.report.pages import write_report
     from amb_core.report.pages.recording import recording_report
 
@@ -81,10 +81,7 @@ def commission(
         (out / name).unlink(missing_ok=True)
     domain = own_domain()
     arguments = {"params": str(path), "emulator": str(emulator).lower()}
-    with (
-        Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain)}) as graph,
-        AmbClient(domain_id=domain, nodes=RIG_NODES) as amb,
-    ):
+    with own_graph("rig", arguments, domain, RIG_NODES) as (graph, amb):
         confirm = None if yes else _confirm
         session = Session(
             amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step), wiring

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_bringup.client import AmbClient
 from amb_bringup.client.experiment import Experiment, SimulatorStand, landing, settling_steps
-from amb_bringup.graph.launcher import Graph, launch_file
+from amb_bringup.graph.own_graph import PATIENCE, own_graph
 from amb_controller_node.parameters import PdControllerParameters
 from amb_core.excitation import Excitation, generate
 from amb_core.ground.parameters import load_parameters
@@ -22,8 +21,6 @@ from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.recording import Recording
 from amb_sim_node.parameters import SimulatorParameters
-
-PATIENCE = 120.0  # s; longest wait for the nodes, which start all at once, on a machine that has other work too
 
 
 @dataclass(frozen=True)
@@ -69,11 +66,7 @@ def run_graph(
         If a node fails, or the rotor delevitates.
     """
     bag = folder / "bag"
-    environment = {"ROS_DOMAIN_ID": str(domain_id)}
-    with (
-        Graph.from_launch_file(launch_file("bearing"), {"params": str(parameter_file)}, environment) as graph,
-        AmbClient(domain_id=domain_id, timeout=PATIENCE) as amb,
-    ):
+    with own_graph("bearing", {"params": str(parameter_file)}, domain_id, timeout=PATIENCE) as (graph, amb):
         stand = SimulatorStand(amb, progress)
         amb.start_recording(bag)
         with landing(stand, recorded=True):

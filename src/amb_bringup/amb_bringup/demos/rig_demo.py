@@ -13,7 +13,7 @@ from pathlib import Path
 from amb_bringup.client import AmbClient
 from amb_bringup.client.experiment import Experiment, RigStand, landing
 from amb_bringup.demos.demo_run import controller_of, plant_of
-from amb_bringup.graph.launcher import Graph, launch_file
+from amb_bringup.graph.own_graph import own_graph
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import Excitation, Multisine, Sweep, generate
 from amb_core.ground.errors import AmbError, ExcitationError
@@ -98,10 +98,7 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     excitations: tuple[Excitation, ...] = (_sweep(), _multisine(plant))
     load = _load_on_a_map(excitations, plant, controller, progress)
     arguments = {"params": str(_unhurried(parameter_file, folder)), "emulator": "true"}
-    with (
-        Graph.from_launch_file(launch_file("rig"), arguments, {"ROS_DOMAIN_ID": str(domain_id)}) as graph,
-        AmbClient(domain_id=domain_id, nodes=RIG_NODES) as amb,
-    ):
+    with own_graph("rig", arguments, domain_id, RIG_NODES) as (graph, amb):
         highest, stand = _HighestRegion(amb), RigStand(amb, progress)
         stand.prepare()
         bag = amb.start_recording(folder / "bag")

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from amb_bringup.client import AmbClient, ClientError
 from amb_bringup.client.experiment import Experiment, ExperimentRun, graph_runs
-from amb_bringup.graph.launcher import Graph, launch_file, own_domain
+from amb_bringup.graph.launcher import own_domain
 from amb_bringup.graph.node_parameters import require_emulated_target
+from amb_bringup.graph.own_graph import PATIENCE, own_graph
 from amb_bringup.graph.packages import share_folder
 from amb_core.excitation.signal import steps_of
 from amb_core.ground.files.parameter_files import NODES, RIG_NODES
@@ -19,8 +20,6 @@ from amb_core.ground.parameters import load_parameters
 from amb_core.ground.progress import Progress
 from amb_core.plant import PlantParameters
 from amb_core.plant.machine import machine_of
-
-PATIENCE = 120.0  # s; longest wait for the nodes, which start all at once, on a machine that has other work too
 
 
 @dataclass(frozen=True)
@@ -92,11 +91,7 @@ def _graph(choice: GraphChoice, experiments: Sequence[Experiment], progress: Pro
     if choice.rig:
         arguments["emulator"] = str(choice.emulator).lower()
     nodes, name = (RIG_NODES, "rig") if choice.rig else (NODES, "bearing")
-    with (
-        Graph.from_launch_file(launch_file(name), arguments, {"ROS_DOMAIN_ID": str(domain)}) as graph,
-        AmbClient(domain_id=domain, timeout=PATIENCE, nodes=nodes) as amb,
-    ):
-        amb.wait_for_nodes(graph.check)
+    with own_graph(name, arguments, domain, nodes, PATIENCE) as (graph, amb):
         progress("graph", 1, 1)
         try:
             yield amb
