@@ -79,7 +79,7 @@ class HardwareBridgeNode(ManagedNode):
         self._ready: Rig | None = None  # while configured
         self._excitable = False  # while active
         self._unsent = ""  # why the target does not have the settings; empty: it has them
-        self._lifting = Lock()  # held from the last look at `called_off` until LEVITATE is answered
+        self._lifting = Lock()  # held from a look at what is wanted, or at the rotor, until it is lifted or landed
         self._losses = RecentLosses()
         self._host_loop: HostLoop | None = None
         self._excitation: RigExcitation | None = None
@@ -221,8 +221,9 @@ class HardwareBridgeNode(ManagedNode):
             raise TargetError(f"{one_line(problem)}; the rotor could not be landed: {one_line(failure)}") from problem
 
     def _land(self, link: TargetLink) -> None:
-        if _is_up(link.status()):
-            link.land(self._settings.landing_time)
+        with self._lifting:  # no slow landing follows one at once
+            if _is_up(link.status()):
+                link.land(self._settings.landing_time)
 
     def clean_up(self) -> None:
         """Leave the target as it is."""
