@@ -63,8 +63,7 @@ def known_clearance(
 
 
 def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, float]:
-    """The clearances that are known of a recording: from its user, its file, its region monitor, its
-    machine or its simulator.
+    """The clearances that are known of a recording: from its user, its file, or as `known_clearance` finds them.
 
     Parameters
     ----------

@@ -1,7 +1,6 @@
 """Text files of data: a header with names and units such as `i_x [A]`, then one row for each sample.
 
-They begin with a comment line in JSON for what the columns do not contain: sample time, roles, trends,
-clearances.
+They begin with a comment line in JSON for what the columns do not contain: sample time, roles, trends, clearances.
 """
 
 from __future__ import annotations

@@ -124,11 +124,10 @@ def _others(parameters: PlantParameters, tuned: Tuned, highest_peak: float) -> I
 def _why_it_stays_down(bearing: Bearing, highest_peak: float) -> str:
     """The parts of the bearing of which each lifts the rotor off when it alone is better."""
     parts = [text for text, changes in _better(bearing) if _lifts(bearing.model_copy(update=changes), highest_peak)]
-    return (
-        "small motions in the loop are stable, but the rotor does not rise from the backup bearing: "
-        + (" or ".join(parts) or "no part alone is the reason; tried: ten times the voltage, the control current and ")
-        + ("" if parts else "the sample rate")
+    reason = " or ".join(parts) or (
+        f"no part alone is the reason; tried: {BETTER:g} times the voltage, the control current and the sample rate"
     )
+    return f"small motions in the loop are stable, but the rotor does not rise from the backup bearing: {reason}"
 
 
 def _better(bearing: Bearing) -> list[tuple[str, dict[str, float]]]:

@@ -13,6 +13,7 @@ from scipy.constants import mu_0
 from amb_core.ground.errors import PlantError
 from amb_core.plant import PlantParameters
 from amb_core.plant.closed_forms import current_gain, inductance, negative_stiffness
+from amb_core.plant.voltage import largest_mean_voltage
 
 HIGHEST_BIAS = 1.0
 """Mean flux density of the bias (T) beyond which little is left for control, below the saturation of the steel."""
@@ -95,7 +96,7 @@ def sizing_of(parameters: PlantParameters) -> Sizing:
         force / weight if weight else math.inf,
         pole,
         parameters.integration.sample_rate / pole,
-        gain * voltage * (2.0 * amplifier.maximum_duty - 1.0) / coil,
+        gain * largest_mean_voltage(parameters) / coil,
         voltage / (2.0 * coil * amplifier.switching_frequency),
         2.0 * voltage * amplifier.proportional_gain / coil / (2.0 * math.pi),
         bias,
