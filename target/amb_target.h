@@ -95,7 +95,7 @@ struct amb_target {
     uint8_t trips, group[AMB_AXES]; /* group: the first axis of the bearing, which stands for it */
     bool alarm, report, measured;   /* measured: since the start, and since the latest reset */
     uint32_t stuck[AMB_AXES], away[AMB_AXES], saturated[AMB_AXES], over[2 * AMB_AXES], lock_left, count[AMB_COUNTS];
-    double limits[AMB_LIMITS], share[AMB_AXES], debt; /* displacement over clearance of bearings; steps missed lately */
+    double limits[AMB_LIMITS], share[AMB_AXES], debt, own_debt; /* displacement over clearance; steps missed lately */
     /* Loop: `ramp_left` of `ramp` steps from the reference `from` to the nominal or the landing one; and as many of the
      * gains from `former` to `wanted` */
     struct amb_sensors sensors;

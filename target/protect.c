@@ -19,30 +19,30 @@ void amb_trip(struct amb_target *t, enum amb_reason reason, size_t axis, double 
     amb_keep(t);
 }
 
-/* What is missed is owed; a step without a miss pays back so much that a share of misses beyond the limit adds up. */
-static bool lost(struct amb_target *t, uint64_t missed) {
+/* What is missed is owed; a step without a miss pays back so much that a share of misses beyond the limit adds up.
+ * Without the host a target can land as long as the steps that it has missed itself, its own debt, are few. */
+static double owed(const struct amb_target *t, double debt, uint64_t missed) {
     double share = t->limits[AMB_MISSED_SHARE];
-    t->debt = missed ? t->debt + (double)missed : fmax(0.0, share < 1.0 ? t->debt - share / (1.0 - share) : 0.0);
-    return missed && t->debt >= t->limits[AMB_MISSED_LIMIT];
+    return missed ? debt + (double)missed : fmax(0.0, share < 1.0 ? debt - share / (1.0 - share) : 0.0);
 }
 
 void amb_watch(struct amb_target *t) {
     uint64_t now = board_time(t->board), since = now - t->last_time + t->period / 2;
     uint64_t missed = t->step && since >= 2 * t->period ? since / t->period - 1 : 0;
-    uint64_t unanswered = amb_by_host(t) ? t->step - 1 - t->answered : 0, silence = t->step - t->last_heard;
-    double owed = 0.0;
-    bool gone = (double)silence / t->config->sample_rate >= t->limits[AMB_LAND_TIME];
-    t->last_time = now;
-    t->count[AMB_MISSED] += (uint32_t)missed + (unanswered > 0);
-    if (!amb_levitating(t)) t->debt = 0.0;
-    else if (lost(t, missed + (unanswered > 0))) {
-        if (unanswered && !missed && t->law == AMB_HOST_OR_LAND) gone = true, owed = t->debt, t->debt = 0.0;
-        else amb_trip(t, AMB_WATCHDOG, 0, t->debt);
+    uint64_t lost = missed + (amb_by_host(t) && t->step - 1 != t->answered);
+    double limit = t->limits[AMB_MISSED_LIMIT], silence = (double)(t->step - t->last_heard);
+    bool gone = silence / t->config->sample_rate >= t->limits[AMB_LAND_TIME];
+    t->last_time = now, t->count[AMB_MISSED] += (uint32_t)lost;
+    t->debt = owed(t, t->debt, lost), t->own_debt = owed(t, t->own_debt, missed);
+    if (!amb_levitating(t)) t->debt = t->own_debt = 0.0;
+    else if (lost && t->debt >= limit) {
+        if (t->law != AMB_HOST_OR_LAND || t->own_debt >= limit) amb_trip(t, AMB_WATCHDOG, 0, t->debt);
+        else gone = true, silence = fmax(silence, t->debt), t->debt = t->own_debt;
     }
     gone = gone && amb_levitating(t) && t->state != AMB_LANDING;
     bool excited = t->excitation == AMB_ARMED || t->excitation == AMB_PLAYING;
     if (gone || (excited && silence >= amb_steps(t, t->limits[AMB_HOST_TIME])))
-        amb_trip(t, AMB_HOST_SILENT, 0, fmax((double)silence, owed));
+        amb_trip(t, AMB_HOST_SILENT, 0, silence);
     if (gone) amb_ramp(t, AMB_LANDING, t->limits[AMB_SETTLE_TIME]);
 }
 

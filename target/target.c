@@ -58,7 +58,7 @@ void amb_ramp(struct amb_target *t, enum amb_state state, double seconds) {
     amb_disarm(t);
     t->answered = t->step - 1;
     t->state = state;
-    if (up) t->debt = 0.0;
+    if (up) t->debt = t->own_debt = 0.0;
     if (up && seconds == 0.0) t->ramp_left = 0; /* nothing moves yet: the reference begins as the nominal one */
     else amb_move(t, up ? t->nominal : t->landing, seconds);
     t->settle_left = amb_steps(t, t->limits[AMB_SETTLE_TIME]);

@@ -115,7 +115,7 @@ static void normalise(void) {
     if (!t->ramp_left) t->ramp = 0, t->from[0] = 0.0;
     if (!t->gain_left) t->gain_ramp = 0, memset(t->wanted, 0, sizeof t->wanted), memset(t->former, 0, sizeof t->former);
     if (t->excitation != AMB_FADING) t->fade_left = 0;
-    if (!on) t->settle_left = 0, t->debt = 0.0, t->reference[0] = 0.0, t->last_heard = t->step; /* set by LEVITATE */
+    if (!on) t->settle_left = 0, t->debt = t->own_debt = 0.0, t->reference[0] = 0.0, t->last_heard = t->step; /* set by LEVITATE */
     w->missed = 0;
     w->position = t->step ? measured.position : 0.0;
 }

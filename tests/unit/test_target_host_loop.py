@@ -10,6 +10,7 @@ from amb_core.rig.link import Code, Law, Limits, Session, TargetState, TripReaso
 from tests.target_rig import HOST, NONCE, Rig
 
 MISSED = 5
+PERIOD = 100_000  # ns
 LIMITS = Limits(missed_steps=MISSED, settle_time=0.002, excitation_amplitude=1.0, alarm_share=1e9, trip_share=1e9)
 PLACE = (3e-6, -2e-6)
 
@@ -27,6 +28,19 @@ def answer(rig: Rig, current: tuple[float, float], behind: int = 0) -> None:
     """The current of the host for the latest step, or for one before it."""
     rig.target.feed(commands.current(rig.session, rig.target.steps - 1 - behind, current), HOST)
     assert rig.target.take() == []  # no reply
+
+
+class Late:
+    """A target that misses control steps: its clock is as many samples ahead of its steps."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig, self.missed = rig, 0
+
+    def step(self, missed: int = 0) -> None:
+        """A control step, and so many that are missed before it."""
+        self.missed += missed
+        self.rig.target.position[:] = PLACE
+        self.rig.target.step((self.rig.target.steps + self.missed) * PERIOD)
 
 
 def test_a_current_flows_as_soon_as_it_arrives() -> None:
@@ -88,6 +102,44 @@ def test_or_the_pd_law_lands_it_with_the_current_that_a_pd_of_the_host_would_hav
     np.testing.assert_array_equal(rig.target.current, law.update(place, (0.0, 0.0)))
     rig.noise(round(LIMITS.settle_time * 10_000.0) + 2)
     assert (rig.status().state, rig.target.enabled) == (TargetState.OFF, False)
+
+
+@pytest.mark.parametrize("answered", [False, True])
+def test_it_lands_too_where_the_step_that_is_one_too_many_comes_late(answered: bool) -> None:
+    rig = levitated(Law.HOST_OR_LAND)
+    answer(rig, (0.5, -0.25))
+    for _ in range(MISSED):
+        rig.step(PLACE)
+    assert rig.status().state == TargetState.LEVITATED
+    if answered:
+        answer(rig, (0.5, -0.25))
+    Late(rig).step(2)
+    (trip,) = rig.status().trips
+    assert (rig.status().state, trip.reason) == (TargetState.LANDING, TripReason.HOST_SILENT)
+
+
+def test_a_target_that_misses_too_many_steps_itself_does_not_land() -> None:
+    rig = levitated(Law.HOST_OR_LAND)
+    answer(rig, (0.5, -0.25))
+    for _ in range(MISSED):
+        rig.step(PLACE)
+    Late(rig).step(MISSED)
+    assert [trip.reason for trip in rig.status().trips] == [TripReason.WATCHDOG]
+    assert not rig.target.enabled
+
+
+def test_on_the_landing_only_those_steps_count_that_the_target_has_missed() -> None:
+    rig = levitated(Law.HOST_OR_LAND)
+    late = Late(rig)
+    late.step(2)
+    for _ in range(MISSED - 2):
+        late.step()
+    assert rig.status().state == TargetState.LANDING
+    late.step(MISSED - 3)
+    assert (rig.status().state, rig.target.enabled) == (TargetState.LANDING, True)
+    late.step(2)
+    assert rig.status().state == TargetState.TRIPPED
+    assert [trip.reason for trip in rig.status().trips] == [TripReason.HOST_SILENT, TripReason.WATCHDOG]
 
 
 def test_the_host_can_land_with_the_pd_law() -> None:

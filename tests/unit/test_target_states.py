@@ -25,7 +25,7 @@ PLANTED = {
     "off by a landing": (
         "command.c", "if (amb_levitating(t)) t->state = AMB_OFF;", "amb_ramp(t, AMB_LANDING, 1.0);", "faults"),
     "the watchdog waits for one miss more": (
-        "protect.c", "t->debt >= t->limits[AMB_MISSED_LIMIT]", "t->debt > t->limits[AMB_MISSED_LIMIT]", "faults"),
+        "protect.c", "t->debt >= limit", "t->debt > limit", "faults"),
     "an enable that stays": (
         "target.c", "    board_enable(t->board, amb_levitating(t));\n",
         "    if (amb_levitating(t)) board_enable(t->board, true);\n", "faults"),
