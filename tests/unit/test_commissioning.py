@@ -6,6 +6,7 @@ import json
 import re
 import threading
 from collections.abc import Iterator
+from typing import NoReturn
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from amb_bringup.experiments.wiring import Wiring, require_rest
 from amb_core.excitation import Square, generate
 from amb_core.excitation.axes import parts_of
-from amb_core.ground.errors import IdentificationError
+from amb_core.ground.errors import IdentificationError, TargetError
 from amb_core.ground.parameters import validate
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.simulation import simulate as respond
@@ -35,6 +36,7 @@ from amb_core.rig.commissioning import (
     closed_loop,
     expected_of,
     fade_checks,
+    first_lift,
     fit_second_order,
     levitation_checks,
     measured,
@@ -44,6 +46,7 @@ from amb_core.rig.commissioning import (
     static_response,
     sweep,
 )
+from amb_core.rig.commissioning.bench import LostSamplesError
 from amb_core.rig.commissioning.tones import tone_set
 from amb_core.rig.emulation import FaultParameters, LimitParameters, reference_library
 from amb_core.rig.emulation.lock_step import LockStepLink
@@ -285,12 +288,32 @@ def test_so_it_is_without_the_first_steps(served: ServedEmulator, other: AmbUdpL
     assert other.count.samples.lost == 0, "its telemetry was taken away"
 
 
-def test_one_that_another_host_levitates_meanwhile_is_not_touched_either() -> None:
-    limits = validate(LimitParameters, {})
-    link = LockStepLink(PlantParameters(), ControllerParameters(), limits, FaultParameters(), reference_library())
-    settings = TargetSettings(ControllerParameters(), limits.with_current(3.0), ())
+class OtherwiseLanded(LockStepLink):
+    """Notes how long the landings that it is asked for take; may refuse slow ones."""
+
+    def __init__(self, refuses: bool = False) -> None:
+        limits = validate(LimitParameters, {})
+        super().__init__(PlantParameters(), ControllerParameters(), limits, FaultParameters(), reference_library())
+        self.landings: list[float] = []
+        self._refuses = refuses
+
+    def land(self, seconds: float) -> None:
+        self.landings.append(seconds)
+        if self._refuses and seconds > 0.0:
+            raise TargetError("LAND was refused")
+        super().land(seconds)
+
+
+def bench_behind(link: LockStepLink) -> commissioning.Bench:
+    settings = TargetSettings(ControllerParameters(), validate(LimitParameters, {}).with_current(3.0), ())
     rig = commissioning.Bench(link, lambda _: settings, lambda step: link.advance(max(step - link.steps, 0)))
     link.advance(50)
+    return rig
+
+
+def test_one_that_another_host_levitates_meanwhile_is_not_touched_either() -> None:
+    link = OtherwiseLanded()
+    rig = bench_behind(link)
     link.levitate(0.01)  # as another host does
     with pytest.raises(LevitatedError):
         rig.tones_at_rest(tone_set(50.0, 800.0, 6, 0.2), 0, 0.1, 0.2)
@@ -298,8 +321,40 @@ def test_one_that_another_host_levitates_meanwhile_is_not_touched_either() -> No
         rig.levitate(0.01, 0.1)
     rig.off()
     rig.land(0.1)
+    rig.down(0.1)
     link.advance(1_000)
     assert link.status().state is TargetState.LEVITATED
+
+
+@pytest.mark.parametrize("problem", [LostSamplesError("telemetry was lost"), TargetError("UPLOAD was refused")])
+def test_a_first_lift_that_cannot_go_on_lands_the_rotor(
+    problem: TargetError, expected: Expected, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = OtherwiseLanded()
+    rig = bench_behind(link)
+
+    def excite(_samples: np.ndarray) -> NoReturn:
+        assert rig.levitated
+        raise problem
+
+    monkeypatch.setattr(rig, "excite", excite)
+    if isinstance(problem, LostSamplesError):
+        with pytest.raises(LostSamplesError):
+            first_lift.levitated(rig, expected, 0.2, moved=False)
+    else:
+        assert [one.fault for one in first_lift.levitated(rig, expected, 0.2, moved=False)] == ["unstable loop"]
+    assert link.landings == [0.2], "it fell"
+    assert link.status().state is TargetState.OFF
+
+
+def test_a_rotor_that_the_target_does_not_land_is_switched_off() -> None:
+    link = OtherwiseLanded(refuses=True)
+    rig = bench_behind(link)
+    rig.levitate(0.1, 0.1)
+    rig.down(0.2)
+    assert link.landings == [0.2, 0.0]
+    link.advance(10)
+    assert link.status().state is TargetState.OFF
 
 
 def noisy(served: ServedEmulator, settings: CommissioningSettings) -> list[str]:

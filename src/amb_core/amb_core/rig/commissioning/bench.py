@@ -26,8 +26,8 @@ from amb_core.rig.link.link import (
 )
 
 SMALL = 0.02
-"""Peak of control currents before the first lift-off, over the bias current: with an amplifier of twice its gain, too,
-they push with less than a fifth of the pull of one magnet at its bias current."""
+"""Peak of control currents before the first lift-off, over the bias current. On the backup bearing of the paper's machine
+an amplifier of twice its gain then pushes with a quarter of the pull that one magnet has on a centred rotor."""
 _RAMP = 60.0  # s: as slowly as the target allows, so that its reference stays where the rotor lies
 
 
@@ -327,3 +327,25 @@ class Bench:
                 self._link.land(seconds)
                 self._wait(self.status().step + round((seconds + 0.1) * self.rate))
             self.has_levitated = self.status().currents_on
+
+    def down(self, seconds: float) -> None:
+        """Land what this object has levitated; where the target does not land it, switch the currents off at once.
+
+        Parameters
+        ----------
+        seconds : float
+            Duration of the landing (s).
+
+        Raises
+        ------
+        TargetError
+            If the target does not answer; RebootedError if it has been started anew.
+        """
+        try:
+            self.land(seconds)
+        except RebootedError:
+            raise
+        except TargetError:
+            self.off()
+        if self.has_levitated:
+            self.off()

@@ -25,7 +25,7 @@ LOAD = 0.12  # of the bias current
 
 
 def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool) -> list[Finding]:
-    """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it.
+    """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it, whatever comes of it.
 
     Parameters
     ----------
@@ -44,31 +44,33 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
         The faults found.
     """
     try:
+        return _findings(bench, expected, ramp, moved)
+    finally:
+        bench.down(ramp)
+
+
+def _findings(bench: Bench, expected: Expected | None, ramp: float, moved: bool) -> list[Finding]:
+    """What is found; the rotor may be up afterwards."""
+    try:
         rest = bench.record(REST)
         record = bench.levitate(ramp, REST)
     except DISTURBANCES:
-        bench.off()
         raise
     except TargetError as problem:
-        bench.off()
         return [Finding("target trips", (), str(problem))]
     trips = bench.status().trips
     if trips or not bench.levitated:
-        bench.off()
         return [_not_lifted(record, bench, ", ".join(trip.reason.name for trip in trips))]
     still = record.window(record.first_step + record.steps - round(0.3 * bench.rate), round(0.3 * bench.rate))
     findings = noise_when_on(still, rest, bench.machine.axis_names)
-    if not findings and expected is not None:
-        try:
-            findings = _of_dynamics(bench, expected, still, moved)
-        except DISTURBANCES:
-            bench.off()
-            raise
-        except TargetError as problem:
-            bench.off()
-            return [Finding("unstable loop", (), str(problem))]
-    bench.land(ramp)
-    return findings
+    if findings or expected is None:
+        return findings
+    try:
+        return _of_dynamics(bench, expected, still, moved)
+    except DISTURBANCES:
+        raise
+    except TargetError as problem:
+        return [Finding("unstable loop", (), str(problem))]
 
 
 def _not_lifted(record: LoopRecord, bench: Bench, trips: str) -> Finding:
