@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
-from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.files.parameter_files import ParameterFile, known_in
 from amb_core.ground.parameters import own_declarations
 from amb_core.loop.pd_parameters import ControllerParameters
 
@@ -21,7 +21,7 @@ def gains_in(arguments: Sequence[str], namespace: str) -> dict[str, Any]:
     """
     parameters: dict[str, Any] = {}
     for file in files_among(arguments):
-        parameters |= ParameterFile(file).values(f"{namespace}/pd_controller")
+        parameters |= ParameterFile(file, known_in(namespace)).values(f"{namespace}/pd_controller")
     own = {declaration.name for declaration in own_declarations(ControllerParameters)}
     return {name: value for name, value in parameters.items() if name in own}
 

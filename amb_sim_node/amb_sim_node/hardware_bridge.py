@@ -39,7 +39,7 @@ from amb_sim_node.gains import gains_in
 from amb_sim_node.region_guard import guard_of
 from amb_sim_node.rig_excitation import Rig, RigExcitation
 from amb_sim_node.rig_host_loop import HostLoop
-from amb_sim_node.rig_link import controller_of, link_of, require_host_loop
+from amb_sim_node.rig_link import controller_of, link_of, require_host_loop, switch_off
 from amb_sim_node.rig_losses import RecentLosses
 from amb_sim_node.rig_state import RigState, report
 from amb_sim_node.rig_waits import PATIENCE, STANDS_STILL, RigWaits
@@ -101,6 +101,17 @@ class HardwareBridgeNode(ManagedNode):
             self, self._report, exclusive=(topics.MACHINE, sampled, topics.BRIDGE_STATE)
         )
         self._timer = self.create_timer(STATE_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def let_go(self) -> None:
+        """Where a controller node closes the loop, land while it still does: the target lands by its own PD law."""
+        link, host = self._link, self._host_loop is not None
+        if not host or link is None or self.state_label != "active":
+            return
+        self.called_off.set()
+        try:
+            self._land(link)
+        except AmbError as problem:
+            self.get_logger().error(one_line(problem))
 
     def finish(self) -> None:
         """Land if the bridge is active and its parameters say so; leave the target."""
@@ -347,13 +358,16 @@ class HardwareBridgeNode(ManagedNode):
 
     def _on_off(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Currents off, in whatever state target and node are; the rotor falls onto its backup bearings."""
-        link = self._connected()
         self.called_off.set()
         self.get_logger().warning("off: asked for")
         self._excitable = False
-        with self._lifting:
-            link.land(0.0)
-        self.fall_back()
+        link = self._link
+        if link is None:  # as after a killed bridge, which has left the rotor levitated
+            switch_off(self._settings.link)
+        else:
+            with self._lifting:
+                link.land(0.0)
+            self.fall_back()
         response.success = True
         return response
 

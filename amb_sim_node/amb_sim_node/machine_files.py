@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from amb_core.ground.errors import ParameterError
 from amb_core.ground.files.package_files import located
-from amb_core.ground.files.parameter_files import ParameterFile
+from amb_core.ground.files.parameter_files import ParameterFile, known_in
 from amb_core.ground.parameters import load_parameters
 from amb_core.loop.pd_parameters import ControllerParameters
 from amb_core.plant import PlantParameters
@@ -36,7 +36,7 @@ def machine_file(given: str, arguments: Sequence[str], namespace: str) -> str:
         except OSError as problem:
             raise ParameterError(f"parameter file {given}: {problem.strerror}") from None
     for file in reversed(files_among(arguments)):
-        values = ParameterFile(file).values(f"{namespace}/simulator")
+        values = ParameterFile(file, known_in(namespace)).values(f"{namespace}/simulator")
         if any(name.split(".")[0] in PlantParameters.model_fields for name in values):
             return file
     return ""

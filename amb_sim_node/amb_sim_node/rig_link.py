@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib.metadata import entry_points
 
-from amb_core.ground.errors import ParameterError
+from amb_core.ground.errors import ParameterError, TargetError, one_line
 from amb_core.ground.parameters import part_of
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters
 from amb_core.loop.pd_parameters import ControllerParameters
-from amb_core.rig.link import AmbUdpLink, HostLoopLink, TargetLink
+from amb_core.rig.link import (
+    AmbUdpLink,
+    HostLoopLink,
+    LinkListener,
+    TargetDescription,
+    TargetLink,
+    TargetStatus,
+    TelemetryBlock,
+)
 from amb_core.rig.link.key_file import read_key
 from amb_sim_node.bridge_parameters import BridgeParameters, LinkParameters
 
@@ -52,6 +60,11 @@ def require_host_loop(settings: BridgeParameters, link: TargetLink) -> None:
                 f"{name} = {getattr(settings, name)!r} is not allowed with mode = 'host', where a controller node "
                 "closes the loop and plays the excitations; leave it empty"
             )
+    if settings.at_exit == "stay":
+        raise ParameterError(
+            "at_exit = 'stay' is not allowed with mode = 'host': no current reaches the target once the bridge has "
+            "ended; allowed: land"
+        )
 
 
 def link_of(parameters: LinkParameters, starting: Callable[[], object], take_over: bool = True) -> TargetLink:
@@ -84,6 +97,45 @@ def link_of(parameters: LinkParameters, starting: Callable[[], object], take_ove
             take_over=take_over,
         )
     return _installed_link(parameters.kind)(parameters)
+
+
+def switch_off(parameters: LinkParameters) -> None:
+    """Switch the currents of a target off at once, through a link of its own: no link to it is there.
+
+    Parameters
+    ----------
+    parameters : LinkParameters
+        Kind, address and times.
+
+    Raises
+    ------
+    TargetError
+        If the target does not answer: currents may flow.
+    """
+    link = link_of(parameters, lambda: None)
+    try:
+        link.connect(_Deaf())
+        link.land(0.0)
+    except TargetError as problem:
+        raise TargetError(f"currents may flow, press the emergency stop: {one_line(problem)}") from None
+    finally:
+        link.close()
+
+
+class _Deaf(LinkListener):
+    """Needs nothing that a target sends."""
+
+    def on_samples(self, block: TelemetryBlock) -> None:
+        return
+
+    def on_status(self, status: TargetStatus) -> None:
+        return
+
+    def on_silence(self) -> None:
+        return
+
+    def on_return(self, description: TargetDescription, rebooted: bool) -> None:
+        return
 
 
 def _installed_link(kind: str) -> Callable[[LinkParameters], TargetLink]:

@@ -12,6 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
@@ -19,6 +23,7 @@ from amb_bringup.graph.launch_file import NodeProcess as Launched
 from amb_bringup.graph.launcher import Graph as Launcher
 from amb_ros import shared_memory
 from amb_ros.interruptions import SIGNALS
+from amb_ros.leaving import leave_graph
 from tests.delayed_discovery import build_delayed_discovery, delays
 from tests.graph.limits import TIMEOUT
 from tests.graph.processes import SHARED_MEMORY
@@ -230,6 +235,22 @@ def test_a_process_of_a_user_closes_its_connection_and_goes_on(
     process = leave_while_others_come_and_go(graph, fault + GOING_ON, delayed_discovery)
     assert process.returncode == 3
     assert ("this process goes on" in process.said) == bool(fault)
+
+
+def test_what_a_node_holds_with_the_help_of_others_it_lets_go_before_the_graph_is_left(domain: int) -> None:
+    """Such as a rotor whose loop a controller node closes."""
+
+    class Bridge(Node):
+        def let_go(self) -> None:
+            letting_go.append(self.context.ok())
+
+    letting_go: list[bool] = []
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    node, executor = Bridge("bridge", context=context), SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    leave_graph(context, executor, [node])
+    assert letting_go == [True]
 
 
 def test_a_node_that_waits_for_an_answer_leaves_the_graph_before_it_ends(graph: Graph) -> None:

@@ -83,6 +83,15 @@ def test_a_levitation_is_called_off_by_a_landing_and_by_the_end_of_the_bridge(gr
         assert rig.change("cleanup") == (label == "deactivate")
 
 
+def test_a_bridge_that_cannot_land_its_rotor_is_not_shut_down_and_says_why(graph: Graph) -> None:
+    rig = Rig(graph, bridge={"link.timeout": 0.5, "link.silence": 1.0})
+    rig.levitate()
+    rig.emulator.kill()
+    assert not rig.change("shutdown")
+    assert rig.state.problem.startswith("deactivate: ")
+    assert rig.life_cycle == "active"
+
+
 @pytest.mark.parametrize("by", ["land", "a session that is interrupted"])
 def test_a_client_lands_a_rotor_that_is_being_levitated(graph: Graph, by: str) -> None:
     rig = Rig(graph, bridge={"levitation_time": 60.0})
@@ -105,8 +114,6 @@ def test_a_client_lands_a_rotor_that_is_being_levitated(graph: Graph, by: str) -
 @pytest.mark.parametrize("levitated", [True, False])
 def test_off_switches_the_currents_off_at_once(graph: Graph, levitated: bool) -> None:
     rig = Rig(graph, bridge={"levitation_time": 0.0 if levitated else 60.0, "landing_time": 60.0})
-    refused = graph.call(Trigger, "/amb/hardware_bridge/off")
-    assert (refused.success, refused.message) == (False, "the bridge is not configured")
     assert rig.change("configure")
     answer = rig.asked("activate")
     mode = BridgeState.LEVITATED if levitated else BridgeState.LEVITATING
@@ -117,6 +124,26 @@ def test_off_switches_the_currents_off_at_once(graph: Graph, levitated: bool) ->
     assert levitated or not answer()
     graph.wait_until(lambda: rig.state.mode == BridgeState.OFF, "the end of the currents")
     graph.wait_until(lambda: rig.life_cycle == "inactive", "the end of the levitation")
+
+
+def test_off_reaches_a_target_that_the_bridge_has_not_connected_to(graph: Graph) -> None:
+    """As after a killed bridge, which leaves the rotor levitated: the next one starts unconfigured."""
+    rig = Rig(graph)
+    rig.levitate()
+    rig.bridge.kill()
+    rig.bridge.wait()
+    rig.start_bridge()
+    assert rig.life_cycle == "unconfigured"
+    assert graph.call(Trigger, "/amb/hardware_bridge/off").success
+    assert rig.change("configure")
+    assert rig.state.mode == BridgeState.OFF
+
+
+def test_off_says_that_no_target_answers(graph: Graph) -> None:
+    Rig(graph, bridge={"link.port": free_port(), "link.timeout": 0.2})
+    answer = graph.call(Trigger, "/amb/hardware_bridge/off")
+    assert not answer.success
+    assert "press the emergency stop" in answer.message, answer.message
 
 
 @pytest.mark.parametrize("by", ["off", "deactivate"])

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from amb_core.ground.errors import ParameterError
+from amb_sim_node.gains import gains_in
 from amb_sim_node.machine_files import machine_file, machine_parameters
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
@@ -26,6 +27,19 @@ def test_the_last_file_with_a_plant_is_that_of_the_machine(of_launch: str) -> No
     assert machine_file("", arguments, "/amb") == rig
     assert machine_file(thrust, arguments, "/amb") == thrust
     assert machine_file("", ["emulator", "--ros-args", "--params-file", of_launch], "/amb") == ""
+
+
+def test_a_graph_in_another_namespace_has_its_own_blocks(tmp_path: Path) -> None:
+    path = tmp_path / "left.yaml"
+    path.write_text(
+        "/left/simulator: {ros__parameters: {rotor.mass: 5.0}}\n"
+        "/left/pd_controller: {ros__parameters: {proportional_gain: 21000.0}}\n"
+    )
+    arguments = ["bridge", "--ros-args", "--params-file", str(path)]
+    assert machine_file("", arguments, "/left") == str(path)
+    assert gains_in(arguments, "/left") == {"proportional_gain": 21_000.0}
+    with pytest.raises(ParameterError, match="'/left/simulator' names no node"):
+        machine_file("", arguments, "/right")
 
 
 def test_plant_and_gains_are_those_of_simulator_and_controller() -> None:

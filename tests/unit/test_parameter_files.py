@@ -15,7 +15,7 @@ from amb_bringup.client import NODES as CLIENT_NODES
 from amb_bringup.graph.node_parameters import PARAMETERS, check_parameter_file
 from amb_core.ground.errors import ParameterError
 from amb_core.ground.files.parameter_files import CONTROLLERS, KNOWN_NODES, NODES, ParameterFile, full_name, of_rclpy
-from amb_core.ground.parameters import load_parameters, own_declarations
+from amb_core.ground.parameters import flatten, load_parameters, own_declarations
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import PlantParameters
 from amb_core.regions import RegionParameters
@@ -75,6 +75,23 @@ def refusal(file: Path, text: str) -> str:
 )
 def test_what_ros_would_ignore_or_read_otherwise_is_refused(file: Path, text: str, reason: str) -> None:
     assert reason in refusal(file, text)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ("[0, 1.0e-6]", "mixes int and float, which ROS does not read; write all with a point, as 0.0"),
+        ("[1.0e-6, 0]", "write all with a point, as 0.0"),
+        ("[true, 1]", "mixes bool and int, which ROS does not read; allowed: values of one type"),
+        ("[]", "the list 'nominal_reference' is empty, which ROS does not read; leave it out"),
+    ],
+)
+def test_a_list_that_ros_does_not_read_is_refused_with_its_name(file: Path, values: str, reason: str) -> None:
+    file.write_text(f"/amb/pd_controller: {{ros__parameters: {{nominal_reference: {values}}}}}\n")
+    with pytest.raises(ParameterError) as caught:
+        check_parameter_file(file)
+    assert str(caught.value).startswith(f"parameter file {file}: '/amb/pd_controller': the list 'nominal_reference'")
+    assert reason in str(caught.value)
 
 
 def test_aliases_cannot_explode(file: Path) -> None:
@@ -190,9 +207,10 @@ def test_a_misspelt_parameter_of_a_part_is_not_taken_for_one_of_the_node(
 @pytest.mark.parametrize("part", [PlantParameters, ControllerParameters, RegionParameters])
 def test_a_part_leaves_the_other_parameters_of_its_node_to_it(file: Path, part: type[Any]) -> None:
     node, whole = next((node, model) for node, model in PARAMETERS.items() if issubclass(model, part))
-    given, own = whole().model_dump(), {item.name.split(".")[0] for item in own_declarations(whole)}
-    content = {full_name(node): {"ros__parameters": {name: given[name] for name in own}}}
-    file.write_text(yaml.safe_dump(content))
+    own = {item.name.split(".")[0] for item in own_declarations(whole)}
+    given = flatten(whole().model_dump())
+    values = {name: value for name, value in given.items() if name.split(".")[0] in own and value != ()}
+    file.write_text(yaml.safe_dump({full_name(node): {"ros__parameters": values}}))
     load_parameters(part, file, node, part=True)
 
 

@@ -39,6 +39,14 @@ class Finishing(Protocol):
         """Close it. Called once, when no callback runs any more."""
 
 
+@runtime_checkable
+class Holding(Protocol):
+    """A node that holds something up with the help of other nodes, such as a rotor whose loop another one closes."""
+
+    def let_go(self) -> None:
+        """Do without them. Called once, while the graph is still there; it must not raise."""
+
+
 def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node], code: int | None = None) -> None:
     """Shut a context down, let its nodes finish and destroy them; it must be called in the thread that spins them.
 
@@ -50,6 +58,9 @@ def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node], cod
         Exit code of a process that ends after this call. Such a process also ends if the call does not return.
     """
     leave_real_time()  # on one core a thread with priority would keep the others from running
+    for node in nodes:
+        if isinstance(node, Holding):
+            node.let_go()
     context.try_shutdown()  # first: workers of the nodes then see that nobody waits for them any more
     executor.shutdown()  # releases the nodes: one with an open request would live as long as the process
     with contextlib.ExitStack() as steps:  # each in every case, the last one first

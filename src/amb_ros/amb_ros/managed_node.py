@@ -148,10 +148,10 @@ class ManagedNode(LifecycleNode):
         called_off, self._has_called_off = self._has_called_off, False
         holds_on = name == DEACTIVATE and DEACTIVATE not in allowed and self.holds_on()
         if holds_on or (called_off and name in (DEACTIVATE, SHUTDOWN)):  # by a node that is not active
-            done = self._done(DEACTIVATE, self.deactivate)
-            if name == DEACTIVATE:
+            done = self._done(DEACTIVATE, self.deactivate) == TransitionCallbackReturn.SUCCESS
+            if name == DEACTIVATE or not done:
                 self.refusal = ""
-                return bool(done == TransitionCallbackReturn.SUCCESS)
+                return done
         if label not in allowed or label not in triggers:
             possible = ", ".join(name for name in triggers if name in allowed) or "none, the node has been shut down"
             self.refusal = f"{name} is not allowed while {self.state_label}; allowed: {possible}"
@@ -159,7 +159,8 @@ class ManagedNode(LifecycleNode):
             return False
         self.get_logger().info(f"{label}: asked for")
         self.refusal = ""
-        return bool(triggers[label]() == TransitionCallbackReturn.SUCCESS)
+        first = [DEACTIVATE] if label == SHUTDOWN and DEACTIVATE in allowed else []
+        return all(triggers[name]() == TransitionCallbackReturn.SUCCESS for name in [*first, label])
 
     def _done(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
         self.problem = ""
@@ -200,9 +201,7 @@ class ManagedNode(LifecycleNode):
         return self._done("cleanup", self.clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate if active, and clean up; the node is finalized in every case."""
-        if state.state_id == State.PRIMARY_STATE_ACTIVE:
-            self._done(DEACTIVATE, self.deactivate)
+        """Clean up; the node is finalized in every case. One that is active has been deactivated before."""
         self._done("cleanup", self.clean_up)
         return TransitionCallbackReturn.SUCCESS
 

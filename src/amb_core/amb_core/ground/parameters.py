@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast, get_args, get_ori
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, field_validator
 
 from amb_core.ground.errors import AmbError, ParameterError, ParameterValueError, bounded
-from amb_core.ground.files.parameter_files import KNOWN_NODES, ParameterFile, full_name
+from amb_core.ground.files.parameter_files import ParameterFile, full_name, known_in
 
 if TYPE_CHECKING:
     from pydantic._internal._model_construction import ModelMetaclass
@@ -334,8 +334,7 @@ def load_parameters(model: type[P], path: str | Path, node: str, *, part: bool =
     """
     name = full_name(node)
     namespace = name.rsplit("/", 1)[0]
-    own = [name, *(f"{namespace}/{other}" for other in KNOWN_NODES)]  # in the namespace of this node, whichever it is
-    file = ParameterFile(path, dict.fromkeys([*own, *(full_name(other) for other in KNOWN_NODES)]))
+    file = ParameterFile(path, dict.fromkeys([name, *known_in(namespace)]))
     values = file.values(name)
     try:
         refuse_those_of_machine(model, values)

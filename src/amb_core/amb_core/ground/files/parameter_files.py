@@ -43,6 +43,11 @@ def nodes_with(controller: str) -> tuple[str, ...]:
     return tuple(controller if name == CONTROLLERS[0] else name for name in NODES)
 
 
+def known_in(namespace: str) -> tuple[str, ...]:
+    """Full names of the nodes that a file may address for a graph in this namespace: its own, and those of `/amb`."""
+    return tuple(dict.fromkeys(f"{place}/{name}" for place in (namespace, NAMESPACE) for name in KNOWN_NODES))
+
+
 PARAMETERS = "ros__parameters"
 EACH_ENTRY = f"each entry must be a node name with a mapping '{PARAMETERS}'"
 DEEPEST = 32  # nesting of a file: far more than needed, far less than the limit of Python's stack
@@ -176,11 +181,27 @@ def _flat(node: str, values: Mapping[Any, Any], prefix: str = "") -> dict[str, A
     flat: dict[str, Any] = {}
     for key, value in values.items():
         name = f"{prefix}{key}"
+        if isinstance(value, list):
+            _check_list(f"'{node}': the list '{name}'", value)
         entries = _flat(node, value, f"{name}.") if isinstance(value, Mapping) else {name: value}
         for twice in entries.keys() & flat.keys():
             raise ParameterError(f"'{node}': parameter '{twice}' is given twice")
         flat |= entries
     return flat
+
+
+def _check_list(what: str, values: list[Any]) -> None:
+    """Refuse a list at which rcl gives up, and with it every node that is given the file.
+
+    Texts are left to the declaration: rcl reads some as numbers, 1e-6 for one, that YAML 1.1 does not.
+    """
+    if not values:
+        raise ParameterError(f"{what} is empty, which ROS does not read; leave it out")
+    kinds = {type(value) for value in values if isinstance(value, bool | int | float)}
+    if len(kinds) > 1:
+        names = " and ".join(kind.__name__ for kind in (bool, int, float) if kind in kinds)
+        advice = "write all with a point, as 0.0" if kinds == {int, float} else "allowed: values of one type"
+        raise ParameterError(f"{what} mixes {names}, which ROS does not read; {advice}")
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]

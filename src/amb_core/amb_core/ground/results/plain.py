@@ -1,6 +1,7 @@
 """Results as plain values for strict JSON: the one way from a result to a file or a message.
 
-Values are in SI units and in full; names of percentages and decibels end so. A number that does not exist is None.
+Values are in SI units and in full. Names of percentages end in `_percent`, except `fit`; those of decibels
+end in `_db`. A number that does not exist is None.
 """
 
 from __future__ import annotations
