@@ -222,49 +222,76 @@ class SequenceAccount:
 
 
 class AnswerAccount:
-    """The controller's answers to excitations: each excitation of a recording needs one."""
+    """Excitations and the controller's answers to them: in a recording none is without the other.
 
-    KEPT = 1000  # excitations without an answer, and answers: some arrive before their excitation
+    The ids of excitations have gaps: each publisher has a sequence of its own.
+    """
+
+    KEPT = 1000  # of each kind: excitations, answers, and those without the other; either may arrive first
 
     def __init__(self) -> None:
         self._unanswered: dict[tuple[int, int], None] = {}
         self._answers: dict[tuple[int, int], None] = {}
+        self._excitations: dict[tuple[int, int], None] = {}
+        self._missing: dict[tuple[int, int], None] = {}  # answered, or arrived, but not in the recording
 
     def start(self) -> None:
-        """A recording starts here: earlier excitations without an answer are ignored."""
+        """A recording starts here: what was missing before is ignored."""
         self._unanswered.clear()
+        self._missing.clear()
 
     def note_excitation(self, run: int, number: int) -> None:
         """An excitation has arrived; one of run 0 is meant for the run that its answer names."""
+        self._keep(self._excitations, run, number)
         last = next(reversed(self._answers), (0, -1))
+        self._missing.pop((run, number) if run else last, None)
         if (run, number) not in self._answers and (run or number != last[1]):
-            self._unanswered[run, number] = None
-            forget_oldest(self._unanswered, self.KEPT)
+            self._keep(self._unanswered, run, number)
+
+    def note_dropped(self, run: int, number: int) -> None:
+        """An excitation has arrived that is not in the recording."""
+        self._keep(self._excitations, run, number)
+        self._keep(self._missing, run, number)
 
     def note_answer(self, run: int, number: int) -> None:
         """An answer has arrived."""
         self._unanswered.pop((run, number), None)
         self._unanswered.pop((0, number), None)
-        self._answers[run, number] = None
-        forget_oldest(self._answers, self.KEPT)
+        if not any(key in self._excitations or key in self._answers for key in ((run, number), (0, number))):
+            self._keep(self._missing, run, number)
+        self._keep(self._answers, run, number)
 
     def reached(self) -> bool:
-        """Whether each excitation has its answer."""
-        return not self._unanswered
+        """Whether each excitation has its answer, and each answer its excitation."""
+        return not self._unanswered and not self._missing
 
     def lacks(self) -> list[str]:
         """What is missing."""
-        if not self._unanswered:
-            return []
-        numbers = [str(number) for _, number in self._unanswered]
-        ends = numbers[0] if len(numbers) == 1 else f"{numbers[0]} to {numbers[-1]}"
-        return [f"excitation_status lacks the answers to excitations {ends} ({len(numbers)} messages)"]
+        texts = []
+        if self._missing:
+            texts.append(f"excitation lacks excitations {_ends(self._missing)} ({len(self._missing)} messages)")
+        if self._unanswered:
+            texts.append(
+                f"excitation_status lacks the answers to excitations {_ends(self._unanswered)} "
+                f"({len(self._unanswered)} messages)"
+            )
+        return texts
+
+    def _keep(self, among: dict[tuple[int, int], None], run: int, number: int) -> None:
+        among[run, number] = None
+        forget_oldest(among, self.KEPT)
 
 
 def forget_oldest(known: dict[K, V], kept: int) -> None:
     """Remove the oldest item of a dictionary that has more than it may keep."""
     if len(known) > kept:
         del known[next(iter(known))]
+
+
+def _ends(numbers: Iterable[tuple[int, int]]) -> str:
+    """The first and the last number of (run, number)."""
+    every = [str(number) for _, number in numbers]
+    return every[0] if len(every) == 1 else f"{every[0]} to {every[-1]}"
 
 
 def _count(gaps: Iterable[tuple[int, int]]) -> int:

@@ -26,13 +26,11 @@ from amb_msgs.msg import BridgeState, RegionState, SimulatorState
 from amb_ros import topics
 
 KEPT_CLOCKS = 10_000
-KEPT_EXCITATIONS = 1000
 COUNTED = {
     topics.REGION: "sequence",
     topics.SIMULATOR_STATE: "sequence",
     topics.REGION_MAP: "sequence",
     topics.MODEL: "sequence",
-    topics.EXCITATION: "id",
 }
 """Topics with messages that their publisher counts, and the field with the count."""
 
@@ -62,7 +60,6 @@ class Ledger:
         }
         self.state: Any = None
         self._bridge: Any = None  # the last state of the bridge to a rig
-        self._excitations: dict[tuple[int, int, int], None] = {}  # number and stamp of those that have arrived
         self._monitor = (0, 0, 0)  # run, next step and messages of the region monitor, as it reports them
         self._learned = Mark(0, 0)  # place of a state whose message is still on its way
         self._reported = Mark(0, 0)  # place of the last state whose message has arrived
@@ -103,29 +100,19 @@ class Ledger:
     def note(self, topic: str, message: Any) -> None:
         """A message has arrived on a topic."""
         with self._changed:
-            if topic in self._counted and not self._is_restored(topic, message):
+            if topic in self._counted:
                 self._counted[topic].note(getattr(message, COUNTED[topic]))
             if topic in self._notes:
                 self._notes[topic](message)
             self._changed.notify_all()
-
-    def _is_restored(self, topic: str, message: Any) -> bool:
-        """Whether an excitation has arrived before: it is published again in place of one that was refused."""
-        if topic != topics.EXCITATION:
-            return False
-        stamp = message.header.stamp
-        key = message.id, stamp.sec, stamp.nanosec
-        if key in self._excitations:
-            return True
-        self._excitations[key] = None
-        forget_oldest(self._excitations, KEPT_EXCITATIONS)
-        return False
 
     def note_dropped(self, topic: str, message: Any) -> None:
         """A message has arrived on a topic, and is not in the recording."""
         with self._changed:
             if topic in self._counted:
                 self._counted[topic].note_dropped(getattr(message, COUNTED[topic]))
+            if topic == topics.EXCITATION:
+                self._answers.note_dropped(message.run, message.id)
             if topic == topics.SIMULATOR_STATE:  # its place decides what is awaited
                 self._note_reported_state(message)
             self._changed.notify_all()

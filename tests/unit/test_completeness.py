@@ -12,7 +12,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
 from amb_ident_node.completeness import AnswerAccount, Mark, PeriodicAccount, SequenceAccount, TelemetryAccount
 from amb_ident_node.ledger import Ledger
-from amb_msgs.msg import BridgeState, Excitation, RegionState, SimulatorState
+from amb_msgs.msg import BridgeState, Excitation, ExcitationStatus, RegionState, SimulatorState
 from amb_ros import topics
 from amb_ros.namesakes import PATIENCE, Namesakes
 
@@ -238,21 +238,31 @@ def test_an_excitation_needs_an_answer():
     assert account.lacks() == ["excitation_status lacks the answers to excitations 4 to 5 (2 messages)"]
 
 
-def test_an_excitation_that_is_published_again_with_its_step_is_no_loss():
-    account = SequenceAccount("excitation")
-    for number in (1, 2, 2, 3):
-        account.note(number)
-    assert account.lacks() == []
+@pytest.mark.parametrize("numbers", [(1_500_000_001, 1, 1_500_000_002), (1_500_000_001, 300_000_001), (1, 5, 1)])
+def test_excitations_of_several_publishers_are_none_lost(ledger: Ledger, numbers: tuple[int, ...]) -> None:
+    """Each generator begins anywhere, nodes of users as they like, and the last one played is published again."""
+    for number in numbers:
+        ledger.note("excitation", Excitation(run=1, id=number))
+        ledger.note("excitation_status", ExcitationStatus(run=1, id=number))
+    assert ledger.lacks(Mark(1, 0)) == []
 
 
-def test_an_excitation_that_is_published_again_in_place_of_a_refused_one_is_no_loss(ledger: Ledger) -> None:
-    for number, second in ((1, 10), (2, 20), (1, 10), (3, 30)):
-        message = Excitation(run=1, id=number)
-        message.header.stamp.sec = second
-        ledger.note("excitation", message)
-    assert not [text for text in ledger.lacks() if text.startswith("excitation lacks")]
-    ledger.note("excitation", Excitation(run=1, id=2))  # of a generator that was started again, and had published one
-    assert any(text.startswith("excitation lacks messages 1") for text in ledger.lacks()), ledger.lacks()
+def test_an_answer_needs_its_excitation() -> None:
+    account = AnswerAccount()
+    account.note_answer(5, 1)  # before the recording
+    account.start()
+    account.note_answer(5, 1)  # its end
+    account.note_answer(5, 2)
+    assert not account.reached()
+    assert account.lacks() == ["excitation lacks excitations 2 (1 messages)"]
+    account.note_excitation(5, 2)  # overtaken by its answer
+    assert account.reached()
+    account.note_answer(6, 3)
+    account.note_excitation(0, 3)  # meant for the current run
+    assert account.reached()
+    account.note_dropped(6, 4)
+    account.note_answer(6, 4)
+    assert account.lacks() == ["excitation lacks excitations 4 (1 messages)"]
 
 
 def test_messages_at_other_steps_than_those_due_fill_no_gap():
