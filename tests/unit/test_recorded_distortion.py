@@ -117,6 +117,31 @@ def test_noise_and_the_transient_of_the_first_period_are_not_taken_for_distortio
     assert np.all(distortion.ratio < 0.03), distortion.summary
 
 
+@pytest.mark.parametrize("periods", [2, 4])
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("square", [0.0, 4e4])
+def test_a_steady_drift_changes_neither_distortion_nor_noise_nor_response(
+    square: float, count: int, periods: int
+) -> None:
+    still = respond(multisine(*range(count), periods=periods), square=square, noise=2e-8)
+    drift = 0.4e-6 * still.time[:, None]  # m, at 0.4 um/s
+    drifting = replace(still, position=still.position + drift, current=still.current - 2e6 * drift)
+    expected, measured = (measure_recorded([record]) for record in (still, drifting))
+    np.testing.assert_allclose(measured.ratio, expected.ratio, atol=1e-6)
+    np.testing.assert_allclose(measured.noise, expected.noise, atol=1e-15)
+    np.testing.assert_allclose(measured.closed_loop, expected.closed_loop, atol=1e-9)
+    np.testing.assert_allclose(measured.plant, expected.plant, rtol=1e-6)
+
+
+def test_a_drift_that_bends_counts_as_noise() -> None:
+    still = respond(multisine(0, periods=4), noise=2e-8)
+    drift = 1e-6 * (1.0 - np.exp(-still.time[:, None] / 1.3))  # m, of a record of 4.7 s
+    drifting = replace(still, position=still.position + drift, current=still.current - 2e6 * drift)
+    expected, measured = (measure_recorded([record]) for record in (still, drifting))
+    assert np.all(measured.noise_ratio > 1.2 * expected.noise_ratio)
+    assert np.all(measured.ratio < 1e-3), "2 % with the slope of the drift"
+
+
 def test_the_same_realisation_again_is_not_another_one() -> None:
     distortion = measure_recorded([respond(multisine(0, 0, 0, 0), square=4e4)])
     assert (distortion.method, distortion.experiments) == ("fast", 1)

@@ -112,6 +112,24 @@ def test_a_slow_folded_product_is_told_from_a_slow_motion_of_the_loops_own() -> 
     assert spectrum.own == pytest.approx(0.1 * UM / np.sqrt(2.0), rel=1e-9)
 
 
+@pytest.mark.parametrize("axes", [("y",), ("x", "y"), ("y", "x"), ("z", "x_a", "y_a", "y_b")])
+def test_the_axis_is_chosen_by_its_name(axes: tuple[str, ...]) -> None:
+    t = time(3.0)
+    column = next(place for place, name in enumerate(axes) if name.startswith("y"))
+    position = np.zeros((len(t), len(axes)))
+    position[:, column] = sine(t, 100.0, UM)
+    spectrum = analyse(LoopRecord(0, 1.0 / RATE, 0.0 * position, position, 0.0 * position, axes), PAPER, 0)
+    line = spectrum.line(-1, 1)
+    assert line is not None
+    assert abs(line.amplitude) == pytest.approx(UM, rel=1e-9)
+
+
+def test_a_record_without_the_axis_is_refused_with_its_axes() -> None:
+    signal = np.zeros((30_000, 2))
+    with pytest.raises(SpectrumError, match=r"axis = 'y' is requested; axes of the record: x, z"):
+        analyse(LoopRecord(0, 1.0 / RATE, signal, signal, signal, ("x", "z")), PAPER, 0)
+
+
 def test_the_steady_state_begins_when_the_transient_has_died_away() -> None:
     t = time(12.0)
     y = sine(t, 200.0, 3 * UM) * (1.0 - np.exp(-t))

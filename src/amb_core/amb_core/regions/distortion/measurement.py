@@ -6,9 +6,9 @@ for each experiment, the reference is the instrument that opens the loop:
     T = Y R^H (R R^H)^-1,    S = U R^H (R R^H)^-1,    G = T S^-1
 
 T is the best linear approximation of the closed loop from reference to position, G that of the plant, by least squares
-over the experiments. What differs from period to period is noise; what is the same in every period but not T R is
-distortion: at lines that are not excited it is there by itself (fast method), at excited lines it differs between
-realisations (robust method).
+over the experiments. A steady drift is removed first. What then differs from period to period is noise; what is the
+same in every period but not T R is distortion: at lines that are not excited it is there by itself (fast method), at
+excited lines it differs between realisations (robust method).
 
 Source: R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., Wiley, 2012,
 chapter 4; for the local fit of few experiments, section 7.2.
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from amb_core.ground.errors import SpectrumError
+from amb_core.regions.distortion.drift import without_drift
 from amb_core.regions.distortion.local_fit import fit_between_lines
 from amb_core.regions.distortion.records import moving, require_motion
 from amb_core.regions.distortion.result import Distortion, Method
@@ -219,10 +220,10 @@ class _Averages:
 
 
 def _averages(experiments: Sequence[PeriodicResponse]) -> _Averages:
-    position = [_amplitudes(item.position) for item in experiments]  # of each experiment: period, line, axis
+    position = [_amplitudes(without_drift(item.position)) for item in experiments]  # of each: period, line, axis
     return _Averages(
         reference=np.stack([_amplitudes(item.reference) for item in experiments]),
-        current=np.stack([_amplitudes(item.current).mean(axis=0) for item in experiments]),
+        current=np.stack([_amplitudes(without_drift(item.current)).mean(axis=0) for item in experiments]),
         position=np.stack([periods.mean(axis=0) for periods in position]),
         noise=np.mean([periods.var(axis=0, ddof=1) / len(periods) for periods in position], axis=0),
         period_noise=np.mean([periods.var(axis=0, ddof=1) for periods in position], axis=0),

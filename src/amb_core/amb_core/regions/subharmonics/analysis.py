@@ -9,6 +9,7 @@ exactly, and a straight line fitted to sines would leak power to other bins.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import gcd
 
@@ -64,7 +65,8 @@ def analyse(
     Parameters
     ----------
     record : LoopRecord
-        Response of a loop, simulated or measured.
+        Response of a loop, simulated or measured. The axis of the settings is found by its name; in a machine of
+        several bearings it is that of the first one, as x_a.
     settings : SubharmonicSettings
         The tones; `longest_run` is not used; the whole record is used.
     first_step : int
@@ -80,8 +82,9 @@ def analyse(
     Raises
     ------
     SpectrumError
-        If a block is not a whole number of samples, a tone is at or above the Nyquist frequency, a sample is not
-        finite, or the record is shorter than `agreeing_blocks` blocks although the rotor did not delevitate.
+        If the record lacks the axis, a block is not a whole number of samples, a tone is at or above the Nyquist
+        frequency, a sample is not finite, or the record is shorter than `agreeing_blocks` blocks although the rotor
+        did not delevitate.
     """
     block, periods = block_periods(settings, record.sample_time)
     start = first_step - record.first_step
@@ -130,11 +133,24 @@ def _excited(record: LoopRecord, settings: SubharmonicSettings, first_step: int)
     start = first_step - record.first_step
     if start < 0:
         raise SpectrumError(f"the record begins at step {record.first_step}, after the tones, step {first_step}")
-    position = record.position[start:, 0 if settings.axis == "x" else 1]
+    position = record.position[start:, _column(record.axes, settings.axis)]
     if not np.isfinite(position).all():
         step = first_step + int(np.argmin(np.isfinite(position)))
         raise SpectrumError(f"position {settings.axis} at step {step} is not finite")
     return position
+
+
+def _column(axes: Sequence[str], wanted: str) -> int:
+    """Column of the axis of this name; in a machine of several bearings, of that of the first one, as x_a."""
+    if wanted in axes:
+        return axes.index(wanted)
+    for column, name in enumerate(axes):
+        if name.startswith(f"{wanted}_"):
+            return column
+    raise SpectrumError(
+        f"axis = {wanted!r} is requested; axes of the record: {', '.join(axes)}; "
+        f"allowed: a record with the axis {wanted}, or {wanted}_a of the first bearing"
+    )
 
 
 def block_periods(settings: SubharmonicSettings, sample_time: float) -> tuple[int, tuple[int, int, int]]:
