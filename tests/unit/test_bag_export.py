@@ -282,13 +282,54 @@ def test_the_spectrum_shows_the_peak_amplitude_of_a_line(tmp_path: Path) -> None
     spectra = list(
         Recording.read(export(bag, tmp_path / "a_foxglove.mcap", ("spectrum",))).messages_of("/amb/spectrum")
     )
-    assert len(spectra) == 3  # 8192 samples each, half of them new
+    assert len(spectra) == 4  # 8192 samples each, half of them new, and the last ones
     largest = int(np.argmax(spectra[0].x))
     assert spectra[0].frequency[largest] == pytest.approx(1000.0, rel=0.02)  # upper end of the range of the point
     assert spectra[0].x[largest] == pytest.approx(3e-5, rel=0.15)  # a line between two bins of a Hann window
     assert spectra[0].y[largest] == pytest.approx(3e-6, rel=0.15)
     recording = Recording.read(export(bag, tmp_path / "a_plotjuggler.mcap", ("spectrum",)))
     assert max(message.data for message in recording.messages_of("/amb/spectrum/x")) == pytest.approx(3e-5, rel=0.15)
+
+
+def with_tone(steps: int, first: int, stop: int) -> LoopRecord:
+    """Samples of an axis that swings by 50 um at 500 Hz between two steps, and else is at rest."""
+    record = samples(1, steps)
+    step = np.arange(steps)
+    tone = 5e-5 * np.sin(2.0 * np.pi * 500.0 * record.time) * ((step >= first) & (step < stop))
+    return replace(record, position=tone[:, np.newaxis])
+
+
+def largest_amplitude(bag: Path, folder: Path) -> float:
+    """The largest amplitude in the spectrum of x for PlotJuggler (m)."""
+    recording = Recording.read(export(bag, folder / "run_plotjuggler.mcap", ("spectrum",)))
+    return max(message.data for message in recording.messages_of("/amb/spectrum/x"))
+
+
+@pytest.mark.parametrize("after", [[], [(16_100, 8000)]], ids=["the run ends", "a gap follows"])
+def test_the_spectrum_of_a_run_holds_the_end_of_a_stretch(after: list[tuple[int, int]], tmp_path: Path) -> None:
+    """The tone fills the last half of the window, and so has half of its amplitude."""
+    record = with_tone(24_100, 16_000 - 4096, 16_000)
+    bag = write_bag(tmp_path / "bag", record, [*whole(16_000), *after])
+    assert largest_amplitude(bag, tmp_path) == pytest.approx(2.5e-5, rel=0.15)
+
+
+@pytest.mark.parametrize("steps", [300, 1000, 4096, 8000])
+@pytest.mark.parametrize("after", [[], [(17_000, 300)]], ids=["the run ends", "a gap follows"])
+def test_the_spectrum_of_a_run_holds_a_stretch_shorter_than_a_spectrum(
+    after: list[tuple[int, int]], steps: int, tmp_path: Path
+) -> None:
+    record = with_tone(17_300, 8500, 16_900)
+    bag = write_bag(tmp_path / "bag", record, [*whole(8400), (8900, steps), *after])
+    assert largest_amplitude(bag, tmp_path) == pytest.approx(5e-5, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("steps", "ends"), [(16_384, [8192, 12_288, 16_384]), (16_385, [8192, 12_288, 16_384, 16_385])]
+)
+def test_samples_at_the_end_of_a_stretch_are_in_one_last_spectrum(steps: int, ends: list[int], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", samples(1, steps), [(0, steps)])
+    path = export(bag, tmp_path / "run_foxglove.mcap", ("spectrum",))
+    assert [1 + round(time / 1e5) for time, _ in Recording.read(path).timed_messages_of("/amb/spectrum")] == ends
 
 
 # -- what may go wrong
@@ -314,6 +355,24 @@ def test_steps_that_came_twice_with_different_samples_are_refused_and_nothing_is
     with pytest.raises(AmbError, match="came twice"), new_file(tmp_path / "run.csv") as part:
         write_table(RunTelemetry(tmp_path / "bag"), part)
     assert [path.name for path in tmp_path.iterdir()] == ["bag"]
+
+
+@pytest.mark.parametrize("changed", [30, None], ids=["with other samples", "the same"])
+def test_a_step_that_comes_again_after_many_blocks_is_compared_too(changed: int | None, tmp_path: Path) -> None:
+    record, again = samples(steps=25_000), samples(steps=25_000).window(50, 100)
+    record.position[[70, 80]] = np.nan
+    again.position[[20, 30]] = np.nan
+    if changed is not None:
+        again.position[changed] = 0.0
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/amb/telemetry", TELEMETRY, definition(TELEMETRY))
+        for time, part in enumerate([*(record.window(first, 100) for first in range(0, 25_000, 100)), again]):
+            bag.write("/amb/telemetry", telemetry(part), time)
+    if changed is None:
+        assert sum(batch.steps for batch in RunTelemetry(tmp_path / "bag").batches()) == 25_000
+    else:
+        with pytest.raises(BagError, match="run 1: steps 50 to 149 came twice with different samples"):
+            list(RunTelemetry(tmp_path / "bag").batches())
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.mat", "run.parquet", "run_plotjuggler.mcap", "run_foxglove.mcap"])
@@ -353,6 +412,14 @@ def test_memory_does_not_grow_with_the_recording(name: str, tmp_path: Path) -> N
 def run(*arguments: str) -> tuple[int, str]:
     result = CliRunner().invoke(app, ["bag", "export", *arguments])
     return result.exit_code, str(result.exception or "") + result.output
+
+
+def test_the_export_of_a_folder_with_a_dot_in_its_name_keeps_the_whole_name(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "lab.2026-11-30", samples(), whole(1000))
+    assert run(str(bag), "--csv")[0] == 0
+    assert run(str(bag / "lab.2026-11-30_0.mcap"), "--csv")[0] == 0
+    assert (tmp_path / "lab.2026-11-30.csv").exists()
+    assert (bag / "lab.2026-11-30_0.csv").exists()
 
 
 def test_the_command_writes_beside_the_bag_and_overwrites_only_if_told(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from amb_bringup.view.samples import KEPT_COLUMNS, SampleDisplay, Seen
 from amb_core.loop.machine import Machine, MachineAxis, MachineBearing
 from amb_core.loop.records import LoopRecord
 from amb_core.recording.live import ColumnPyramid, OrbitPath, RunningSpectrum, planes_of
+from amb_core.recording.live.spectrum import LOWEST_BIN
 
 SAMPLE_TIME = 1e-4
 
@@ -121,6 +122,20 @@ def test_a_sine_has_its_amplitude_in_the_spectrum_and_the_mean_has_none() -> Non
     assert amplitude[peak] == pytest.approx(2e-6, rel=0.15)
     assert spectrum.frequency[peak] == pytest.approx(130.0, abs=4.0)
     assert amplitude[spectrum.frequency < 20.0].max() < 1e-9
+
+
+def test_fewer_samples_have_a_spectrum_of_the_frequencies_that_they_resolve() -> None:
+    spectrum = RunningSpectrum(1, SAMPLE_TIME)
+    time = np.arange(1000) * SAMPLE_TIME
+    spectrum.add(np.full((500, 1), 1e-3))
+    spectrum.clear()
+    spectrum.add((5e-5 + 2e-6 * np.sin(2 * np.pi * 630.0 * time))[:, np.newaxis])
+    amplitude = spectrum.amplitude()[:, 0]
+    assert np.nanmax(amplitude) == pytest.approx(2e-6, rel=0.01)
+    assert spectrum.frequency[np.nanargmax(amplitude)] == pytest.approx(630.0, rel=0.02)
+    resolved = spectrum.frequency >= LOWEST_BIN / (1000 * SAMPLE_TIME)
+    assert np.isnan(amplitude[~resolved]).all()
+    assert np.isfinite(amplitude[resolved]).all()
 
 
 def header(frame: bytes) -> tuple[int, ...]:

@@ -219,6 +219,64 @@ def test_an_fmu_holds_its_state_between_its_samples(tmp_path: Path) -> None:
     assert coarse.get(model.output_names)[0] == seen[-1]
 
 
+@pytest.mark.parametrize("feedthrough", [False, True])
+@pytest.mark.parametrize("part", [1.0, 0.5, 0.1, 3.0, 0.7])
+def test_an_fmu_takes_inputs_at_its_samples_and_holds_them_between(
+    part: float, feedthrough: bool, tmp_path: Path
+) -> None:
+    """Communication steps are a part of a sample; the input changes at each of their ends."""
+    model = drawn(2, 2, 10, feedthrough)
+    write_fmu(model, tmp_path / "plant.fmu")
+    instance = Unit(tmp_path / "plant.fmu", tmp_path / "unpacked").instance()
+    instance.start()
+    points = round(21 / part)
+    inputs = model.input_offset + np.random.default_rng(0).normal(size=(points, 2))
+    samples = np.arange(int((points - 1) * part + 1e-9) + 1)
+    taken = np.floor(samples / part + 1e-9).astype(int)  # number of the input that is set at each sample
+    expected, state = [], np.zeros(model.order)
+    for values in inputs[taken] - model.input_offset:
+        expected.append(model.c @ state + model.d @ values + model.output_offset)
+        state = model.a @ state + model.b @ values
+    for point, values in enumerate(inputs):
+        assert instance.set(model.input_names, values) == 0
+        sample = int(point * part + 1e-9)
+        np.testing.assert_allclose(instance.get(model.output_names), expected[sample], rtol=0.0, atol=1e-12)
+        assert instance.step(point * part * model.sample_time, part * model.sample_time) == 0
+
+
+@pytest.mark.parametrize("drift", [-5e-4, 5e-4])
+def test_an_fmu_takes_the_input_of_a_sample_from_a_tool_whose_time_is_rounded(drift: float, tmp_path: Path) -> None:
+    """Tools that add up communication steps of 0.1 ms are off by that part of a sample after some 100 s."""
+    model = MODELS["machine"]
+    write_fmu(model, tmp_path / "plant.fmu")
+    instance, vector = Unit(tmp_path / "plant.fmu", tmp_path / "unpacked").instance(), vector_of(model)
+    instance.start()
+    times = model.sample_time * np.append(0.0, np.arange(1, STEPS + 1) + drift)
+    for step, (inputs, outputs) in enumerate(zip(vector.inputs, vector.outputs, strict=True)):
+        assert instance.set(model.input_names, inputs) == 0
+        assert instance.get(model.output_names) == outputs.tolist()
+        assert instance.step(times[step], times[step + 1] - times[step]) == 0
+
+
+def test_an_fmu_keeps_the_input_of_its_last_sample_with_its_state(tmp_path: Path) -> None:
+    model = MODELS["machine"]
+    write_fmu(model, tmp_path / "plant.fmu")
+    instance, half = Unit(tmp_path / "plant.fmu", tmp_path / "unpacked").instance(), 0.5 * model.sample_time
+    instance.start()
+    kept, seen = ctypes.c_void_p(), []
+    instance.set(model.input_names, model.input_offset + 1.0)
+    instance.step(0.0, half)
+    assert instance.call("fmi2GetFMUstate", ctypes.byref(kept)) == 0
+    for _ in range(2):
+        assert instance.call("fmi2SetFMUstate", kept) == 0
+        instance.set(model.input_names, model.input_offset + 2.0)
+        instance.step(half, half)
+        instance.step(2.0 * half, 2.0 * half)
+        seen.append(instance.get(model.output_names))
+    assert seen[0] == seen[1]
+    assert instance.call("fmi2FreeFMUstate", ctypes.byref(kept)) == 0
+
+
 def test_an_fmu_returns_to_a_state_that_was_kept_and_to_its_start(tmp_path: Path) -> None:
     model = MODELS["machine"]
     write_fmu(model, tmp_path / "plant.fmu")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from amb_core.recording.live.spectrum import RunningSpectrum
 LENGTH = 8192
 """Samples of one spectrum; fewer, a power of two, if no stretch of the run has as many."""
 SHORTEST = 256
+"""Fewest samples of a stretch that has a spectrum."""
 
 
 class Spectrum(NamedTuple):
@@ -27,7 +28,7 @@ class Spectrum(NamedTuple):
     frequency : ndarray, shape (points,)
         Upper end of the range of frequencies of each point (Hz).
     amplitude : ndarray, shape (points, axes)
-        The largest peak amplitude in this range (m).
+        The largest peak amplitude in this range (m); NaN where a short stretch does not resolve it.
     """
 
     step: int
@@ -36,7 +37,10 @@ class Spectrum(NamedTuple):
 
 
 class RunSpectra:
-    """Spectra of the last `length` samples, one for every half of them; none over a gap.
+    """Spectra of the last `length` samples: one for every half of them, and one at each known end; none over a gap.
+
+    At the end of a stretch that is shorter it is a spectrum of all its samples; there is none if they are fewer than
+    `SHORTEST`.
 
     Parameters
     ----------
@@ -46,6 +50,8 @@ class RunSpectra:
         Sample time (s).
     length : int, optional
         Samples of one spectrum; 0 for no spectra.
+    ends : collection of int, optional
+        The step after the last of each stretch without a gap, as far as known.
 
     Attributes
     ----------
@@ -55,18 +61,19 @@ class RunSpectra:
         The largest amplitude of each point in all spectra so far.
     """
 
-    def __init__(self, axes: int, sample_time: float, length: int = LENGTH) -> None:
+    def __init__(self, axes: int, sample_time: float, length: int = LENGTH, ends: Collection[int] = ()) -> None:
         self.length = length
         self.peak: Spectrum | None = None
         self._running = RunningSpectrum(axes, sample_time, length) if length else None
-        self._next = self._since = 0
+        self._first = self._next = 0  # steps: of this stretch, and the next one
+        self._ends = frozenset(ends)
 
     @classmethod
     def of(cls, telemetry: RunTelemetry) -> RunSpectra:
-        """Those of a run, as long as its longest stretch allows."""
+        """Those of a run with all its ends, as long as its longest stretch allows."""
         longest = max(stop - first for first, stop in telemetry.spans)
         length = min(LENGTH, 1 << (longest.bit_length() - 1)) if longest >= SHORTEST else 0
-        return cls(len(telemetry.axes), telemetry.sample_time, length)
+        return cls(len(telemetry.axes), telemetry.sample_time, length, [stop for _, stop in telemetry.spans])
 
     def add(self, record: LoopRecord) -> Iterator[Spectrum]:
         """Take in the next samples of the run, and give the spectra that they complete."""
@@ -74,26 +81,25 @@ class RunSpectra:
             return
         if record.first_step != self._next:
             self._running.clear()
-            self._since = 0
-        self._next = record.first_step + record.steps
+            self._first = self._next = record.first_step
         start, half = 0, self.length // 2
         while start < record.steps:
-            count = min(half - self._since, record.steps - start)
+            count = min(half - (self._next - self._first) % half, record.steps - start)
             self._running.add(record.position[start : start + count])
-            start, self._since = start + count, self._since + count
-            if self._since == half:
-                self._since = 0
-                if self._running.ready:
-                    yield self._spectrum(record.first_step + start)
+            start, self._next = start + count, self._next + count
+            samples = self._next - self._first
+            ended = self._next in self._ends and samples >= SHORTEST
+            if ended or (self._running.ready and samples % half == 0):
+                yield self._spectrum(self._running)
 
     def take(self, record: LoopRecord) -> None:
         """Take in the next samples, where only the `peak` of all spectra is wanted."""
         for _ in self.add(record):
             pass
 
-    def _spectrum(self, step: int) -> Spectrum:
-        assert self._running is not None
-        spectrum = Spectrum(step, self._running.frequency, self._running.amplitude())
+    def _spectrum(self, running: RunningSpectrum) -> Spectrum:
+        """That of the samples up to the next step."""
+        spectrum = Spectrum(self._next, running.frequency, running.amplitude())
         highest = spectrum.amplitude if self.peak is None else np.fmax(self.peak.amplitude, spectrum.amplitude)
-        self.peak = Spectrum(step, spectrum.frequency, highest)
+        self.peak = Spectrum(self._next, spectrum.frequency, highest)
         return spectrum

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-LOWEST_BIN = 3  # a Hann window spreads the mean over the bins below
+LOWEST_BIN = 3  # of as many bins as samples: a Hann window spreads the mean over the bins below
 
 
 class RunningSpectrum:
@@ -34,7 +36,6 @@ class RunningSpectrum:
     def __init__(self, signals: int, sample_time: float, length: int = 8192, points: int = 320) -> None:
         self._samples = np.zeros((length, signals))
         self._filled = 0
-        self._window = np.hanning(length + 1)[:length, None]
         bins = length // 2
         starts = np.unique(np.geomspace(LOWEST_BIN, bins, points + 1).astype(int))
         self._starts = starts[:-1]
@@ -66,11 +67,16 @@ class RunningSpectrum:
     def amplitude(self) -> NDArray[np.float64]:
         """Peak amplitude of the lines at each point, shape (points, signals), in the unit of the samples.
 
+        While there are fewer samples than `length`, two at least, zeros follow them for the same points.
+
         Returns
         -------
         ndarray, shape (points, signals)
-            Peak amplitudes.
+            Peak amplitudes; NaN at frequencies that fewer samples do not resolve.
         """
-        samples = self._samples - self._samples.mean(axis=0)
-        lines = np.abs(np.fft.rfft(samples * self._window, axis=0)) * (2.0 / self._window.sum())
-        return np.maximum.reduceat(lines[: len(samples) // 2], self._starts, axis=0)
+        length, filled = len(self._samples), self._filled
+        samples = self._samples[length - filled :]
+        window = np.hanning(filled + 1)[:filled, np.newaxis]
+        lines = np.abs(np.fft.rfft((samples - samples.mean(axis=0)) * window, length, axis=0)) * (2.0 / window.sum())
+        lines[: math.ceil(LOWEST_BIN * length / filled)] = np.nan
+        return np.fmax.reduceat(lines[: length // 2], self._starts, axis=0)
