@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
+from amb_core.ground.sample_times import SAME
 
 TOLERANCE = 0.1
 """Part of a sample time by which a time may miss its sample."""
@@ -32,12 +33,28 @@ class Clock:
         Largest distance of a time from its sample, as part of the sample time.
     missing : int
         Samples missing between the stretches.
+    shown : float or None
+        Sample time (s) that the times show where a given one contradicts it; None otherwise.
     """
 
     sample_time: float
     spans: list[tuple[int, int, int]]
     jitter: float = 0.0
     missing: int = 0
+    shown: float | None = None
+
+    @property
+    def notes(self) -> list[str]:
+        """What is doubtful of the times."""
+        notes = []
+        if self.missing:
+            notes.append(f"{self.missing} samples are missing: {len(self.spans)} experiments between them")
+        if self.jitter > 0.01:
+            notes.append(f"times are up to {100.0 * self.jitter:.0f} % of a sample off; taken as equidistant")
+        if self.shown is not None:
+            rates = f"{1.0 / self.shown:.7g} Hz; {1.0 / self.sample_time:.7g} Hz"
+            notes.append(f"the times show {rates}, as given, is used")
+        return notes
 
 
 def clock_of(time: NDArray[np.float64], given: float | None) -> Clock:
@@ -50,15 +67,18 @@ def clock_of(time: NDArray[np.float64], given: float | None) -> Clock:
     """
     require_rising(time)
     intervals = np.diff(time)
-    typical = float(np.median(intervals))
-    if given is not None and abs(typical - given) > 0.01 * given:
+    typical = float(np.quantile(intervals, 0.5, method="lower"))  # one of them, also where a gap is every other one
+    # more exact than one interval: from all steps of the whole record
+    regular = intervals[np.abs(intervals - typical) < 0.5 * typical]
+    shown = float(f"{regular.mean():.9g}")
+    if given is not None and abs(shown - given) > 0.01 * given:
         raise IdentificationError(
-            f"sample_time {given:g} s is given, but the times are {typical:g} s apart; correct it or leave it out "
+            f"sample_time {given:g} s is given, but the times are {shown:g} s apart; correct it or leave it out "
             "(--rate, --sample-time), or leave the times out with --time none"
         )
-    if given is None:  # more exact than one interval: from all steps of the whole record
-        regular = intervals[np.abs(intervals - typical) < 0.5 * typical]
-        given = float(f"{regular.mean():.9g}")
+    given = shown if given is None else given
+    unsure = float(np.ptp(regular)) / len(regular)  # of the mean: jitter and resolution move the first and last time
+    contradicts = abs(shown - given) > max(SAME * given, unsure)
     steps = intervals / given
     off = np.abs(steps - np.round(steps))
     worst = int(np.argmax(off))
@@ -73,7 +93,8 @@ def clock_of(time: NDArray[np.float64], given: float | None) -> Clock:
     ahead = np.concatenate([[0], np.cumsum(whole)])
     first = round(float(time[0]) / given)
     spans = [(start, stop, first + int(ahead[start])) for start, stop in itertools.pairwise(edges)]
-    return Clock(given, spans, float(off[worst]), int((whole - 1).sum()))
+    missing = int((whole - 1).sum())
+    return Clock(given, spans, float(off[worst]), missing, shown if contradicts else None)
 
 
 def resampled(

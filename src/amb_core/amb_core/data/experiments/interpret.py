@@ -179,10 +179,7 @@ def describe_table(table: Table, description: DataDescription) -> DescribedData:
         time, values = resampled(time, values, given)
         notes.append(f"{before} samples interpolated to {len(time)} at {1.0 / (time[1] - time[0]):.6g} Hz")
     clock = _clock(time, given, len(values))
-    if clock.missing:
-        notes.append(f"{clock.missing} samples are missing: {len(clock.spans)} experiments between them")
-    if clock.jitter > 0.01:
-        notes.append(f"times are up to {100.0 * clock.jitter:.0f} % of a sample off; taken as equidistant")
+    notes += clock.notes
     spans = _complete(values, signals, clock, description, notes)
     data = _data(table, values, signals, clock, spans)
     rows = tuple(_row(signal, values[:, index], clock) for index, signal in enumerate(signals))

@@ -56,7 +56,7 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
         proposal = proposed(others)
         raise UndescribedError(
             f"which of the {len(table.columns)} columns are inputs and which outputs is not known; give inputs and "
-            f"outputs ({missing}, names or numbers from 0); there are {table.names}"
+            f"outputs ({missing}, names or numbers from 0); there are {table.names}{_choice_of_struct(table)}"
             + ("" if proposal is None else f"; perhaps {proposal.options}"),
             None if proposal is None else description.with_values(**proposal.given),
         )
@@ -98,7 +98,10 @@ def _time(table: Table, description: DataDescription) -> Column | None:
 
 
 def _by_name(columns: Sequence[Column]) -> tuple[list[Column], list[Column], list[Column]]:
-    """Columns named i_x, x and r_x, for each axis, or u1, y1; none where a name is missing."""
+    """Columns named i_x, x and r_x, for each axis, or u1, y1; none where a name is missing.
+
+    Those of several structs may be several experiments: none is theirs.
+    """
     names = Counter(without_suffix(column.name) for column in columns)
     by_name = {name: c for c in columns if c.named and names[name := without_suffix(c.name)] == 1}
     axes = [name.removeprefix("i_") for name in by_name if name.startswith("i_") and name.removeprefix("i_") in by_name]
@@ -114,9 +117,21 @@ def _by_name(columns: Sequence[Column]) -> tuple[list[Column], list[Column], lis
         ]
         for letter in "uyr"
     }
-    if roles["u"] and roles["y"]:
+    structs = {_struct(column) for of_role in roles.values() for column in of_role}
+    if roles["u"] and roles["y"] and len(structs) == 1:
         return roles["u"], roles["y"], roles["r"] if len(roles["r"]) == len(roles["y"]) else []
     return [], [], []
+
+
+def _struct(column: Column) -> str:
+    """The struct that a column is a field of; empty for none."""
+    return column.source.rpartition(".")[0]
+
+
+def _choice_of_struct(table: Table) -> str:
+    """What to add to a question where the columns are fields of several structs."""
+    structs = [name for name in dict.fromkeys(map(_struct, table.columns)) if name]
+    return f"; name one struct with --variable: {', '.join(structs)}" if len(structs) > 1 else ""
 
 
 def _last(name: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -28,6 +29,21 @@ def headings_of(rows: Sequence[Sequence[str]], count: int) -> tuple[list[tuple[s
         return [split_unit(name) for name in names], fewer
     bare = [unit if (unit := _bare(cell)) != "-" else "" for cell in units[0]]
     return [(split_unit(name)[0], unit) for name, unit in zip(names, bare, strict=True)], fewer
+
+
+def counts_columns(row: Sequence[str]) -> bool:
+    """Whether a row counts the columns from 0 or 1, as a heading of a program does that has no names for them.
+
+    The first cell is empty where that column has names of the rows.
+    """
+    named = row[1:] if not row[0] else row
+    return len(row) > 1 and list(named) in [[str(first + place) for place in range(len(named))] for first in (0, 1)]
+
+
+def are_fractions(rows: Sequence[Sequence[str]], columns: range) -> bool:
+    """Whether in each of some columns fewer than half of the cells are whole numbers."""
+    whole = re.compile(r"[+-]?\d+")
+    return bool(rows) and all(2 * sum(bool(whole.fullmatch(row[k])) for row in rows) < len(rows) for k in columns)
 
 
 def without_row_names(numbers: NDArray[np.float64]) -> NDArray[np.float64]:

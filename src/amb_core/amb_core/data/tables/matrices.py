@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,8 @@ def table_of_variables(
     Raises
     ------
     IdentificationError
-        If there is no variable of this name, none of numbers, or which of several lengths is meant is not known.
+        If there is no variable of this name, none of numbers, or which of several lengths or sample times is meant is
+        not known.
     """
     arrays = {name: value for name, value in variables.items() if _is_signal(value)}
     there = _shown(arrays) or "none"
@@ -65,7 +67,8 @@ def table_of_variables(
         raise IdentificationError(
             f"needs the name of one matrix (--variable): the lengths differ; its matrices: {there}"
         )
-    texts = {name.casefold(): value for name, value in variables.items() if _is_texts(value)}
+    beside = _nearest_first(variables, next(iter(arrays)))
+    texts = {name.casefold(): variables[name] for name in beside if _is_texts(variables[name])}
     names, units = (_texts_of(texts, known) for known in (_NAMES, _UNITS))
     every = (column for name, value in arrays.items() for column in _columns(name, value, rows, len(arrays) == 1))
     columns = list(islice(every, MOST_COLUMNS + 1))
@@ -81,7 +84,7 @@ def table_of_variables(
         ]
     columns = _without_struct(_as_iddata(columns, texts))
     shown, clearance = _shown(left_out), clearances_in(variables)
-    return Table(path, tuple(columns), _sample_time(variables), left_out=shown, clearance=clearance)
+    return Table(path, tuple(columns), _sample_time(variables, arrays), left_out=shown, clearance=clearance)
 
 
 def _rows(arrays: Mapping[str, Any], wanted: Sequence[str]) -> int:
@@ -173,14 +176,46 @@ def _reordered(name: str, values: NDArray[np.float64]) -> tuple[str, NDArray[np.
     return label, values, unit
 
 
-def _sample_time(variables: Mapping[str, Any]) -> float | None:
-    """Sample time (s) of a scalar such as Ts or fs; None if there is none."""
-    for name, value in variables.items():
-        if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == 1):
-            continue
-        number, word = float(value.ravel()[0]), name.rsplit(".", 1)[-1].casefold()
-        if word in SAMPLE_TIMES and number > 0.0:
-            return number
-        if word in SAMPLE_RATES and number > 0.0:
-            return 1.0 / number
-    return None
+def _nearest_first(names: Iterable[str], signal: str) -> list[str]:
+    """Names of variables, those of the same struct as a signal first, then those above it, then all others."""
+    struct = signal.split(".")[:-1]
+
+    def distance(name: str) -> tuple[int, int]:
+        other = name.split(".")[:-1]
+        shared = takewhile(lambda pair: pair[0] == pair[1], zip(struct, other, strict=False))
+        return -sum(1 for _ in shared), len(other)
+
+    return sorted(names, key=distance)
+
+
+def _sample_time(variables: Mapping[str, Any], signals: Iterable[str]) -> float | None:
+    """Sample time (s) of a scalar such as Ts or fs, the nearest of each signal in their structs; None if there is none.
+
+    Raises
+    ------
+    IdentificationError
+        If those of the signals differ.
+    """
+    times = {name: time for name, value in variables.items() if (time := _period(name, value)) is not None}
+    if not times:
+        return None
+    one_of_each_struct = {signal.rpartition(".")[0]: signal for signal in signals}.values()
+    used = list(dict.fromkeys(_nearest_first(times, signal)[0] for signal in one_of_each_struct))
+    first = times[used[0]]
+    if any(abs(times[name] / first - 1.0) > 1e-6 for name in used):
+        raise IdentificationError(
+            f"the sample times of {', '.join(used)} differ: {', '.join(f'{times[name]:g}' for name in used)} s; name "
+            "one struct or matrix with --variable"
+        )
+    return first
+
+
+def _period(name: str, value: Any) -> float | None:
+    """Sample time (s) by a scalar; None for another variable, or one that is not positive and finite."""
+    if not (isinstance(value, np.ndarray) and value.dtype.kind in "fiu" and value.size == 1):
+        return None
+    number, word = float(value.ravel()[0]), name.rsplit(".", 1)[-1].casefold()
+    if not 0.0 < number < math.inf or word not in (*SAMPLE_TIMES, *SAMPLE_RATES):
+        return None
+    seconds = number if word in SAMPLE_TIMES else 1.0 / number
+    return seconds if seconds < math.inf else None

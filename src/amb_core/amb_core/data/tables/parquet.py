@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -61,11 +62,12 @@ def columns_of_file(
 
 
 def _sample_time(metadata: Mapping[bytes, bytes]) -> float | None:
-    """Sample time (s) in the metadata of a file of `amb bag export`; None if there is none."""
+    """Sample time (s) in the metadata of a file of `amb bag export`; None if there is none that is positive."""
     try:
-        return float(metadata[b"sample_time"])
+        seconds = float(metadata[b"sample_time"])
     except (KeyError, ValueError):
         return None
+    return seconds if 0.0 < seconds < math.inf else None
 
 
 def _columns(content: Any, heading: str) -> Iterator[Column]:
@@ -77,11 +79,18 @@ def _columns(content: Any, heading: str) -> Iterator[Column]:
     unit = (field.metadata or {}).get(b"unit", unit.encode()).decode(errors="replace")
     kind = field.type
     if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
-        ticks = data.cast(pa.int64()).to_numpy().astype(np.float64)
-        yield Column(name, (ticks - ticks[0]) * _TICKS[kind.unit], "s")
+        yield Column(name, _TICKS[kind.unit] * _ticks(data.cast(pa.int64())), "s")
     elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
         yield Column(name, np.asarray(data.to_numpy(zero_copy_only=False), dtype=np.float64), unit)
     elif pa.types.is_fixed_size_list(kind) and not pa.types.is_nested(kind.value_type):
         values = np.asarray(data.to_pylist(), dtype=np.float64)
         for index in range(kind.list_size):
             yield Column(f"{name}[{index}]", values[:, index], unit, source=name)
+
+
+def _ticks(data: Any) -> NDArray[np.float64]:
+    """Integers less the first of them, NaN for missing ones: a double holds no ns of a date."""
+    missing = data.is_null().to_numpy()
+    ticks = data.fill_null(0).to_numpy()
+    there = ticks[~missing]
+    return np.where(missing, np.nan, ticks - (there[0] if there.size else 0))

@@ -95,6 +95,8 @@ class Table:
     def find(self, wanted: str, option: str) -> list[Column]:
         """The columns that a name of a user means: a name, the end of one, a variable, or numbers from 0 as 0-3.
 
+        A number that is also the name of another column, or its end, is refused; 1-1 is always the number.
+
         Parameters
         ----------
         wanted : str
@@ -115,6 +117,7 @@ class Table:
         for match in (_exact, _without_case, _ending, _variable):
             matches = match(self.columns, wanted)
             if len(matches) == 1 or (matches and match is _variable):
+                self._refuse_other_number(matches, wanted, option)
                 return matches
             if matches:
                 names = ", ".join(column.name for column in matches)
@@ -133,6 +136,18 @@ class Table:
                 f"--{option}: there is no column {max(first, last)}; allowed: 0 to {len(self.columns) - 1}"
             )
         return list(self.columns[first : last + 1])
+
+    def _refuse_other_number(self, named: list[Column], wanted: str, option: str) -> None:
+        """Refuse a name that is also the number of a column that it does not name."""
+        several = len({column.source for column in self.columns}) > 1  # where numbers are not allowed
+        if several or not re.fullmatch(r"\d+", wanted) or int(wanted) >= len(self.columns):
+            return
+        numbered, place = self.columns[int(wanted)], self.columns.index(named[0])
+        if named != [numbered]:
+            raise IdentificationError(
+                f"--{option} {wanted} may be column {wanted} ({numbered.name}) or column {place} ({named[0].name}), "
+                f"counted from 0; write {wanted}-{wanted} or {place}-{place}"
+            )
 
 
 def split_unit(text: str) -> tuple[str, str]:

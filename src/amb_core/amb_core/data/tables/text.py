@@ -13,12 +13,12 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.data.tables.headings import headings_of, without_row_names
+from amb_core.data.tables.headings import are_fractions, counts_columns, headings_of, without_row_names
 from amb_core.data.tables.table import Column, Table
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.files.apart import read_apart
@@ -52,32 +52,27 @@ def columns_of_text(
     path: str, separator: str, decimal: str
 ) -> tuple[list[tuple[str, NDArray[np.float64], str, str, bool]], list[str], dict[str, Any] | None]:
     """As `read_text_table` in this process: the attributes of the columns, the notes, and the JSON of a written one."""
-    lines, cut, comment, about = _lines(path)
-    mark, point = _format(lines, separator, decimal) if about is None else (",", ".")
-    rows = _cells(lines, mark)
-    # the one heading of a written text may be of numbers
-    data = [index for index, row in enumerate(rows) if _is_data(row, point) and (about is None or index)]
-    if not data:
-        raise IdentificationError(
-            "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
-        )
-    count = Counter(len(rows[index]) for index in data[-_LOOKED_AT:]).most_common(1)[0][0]
-    if count > MOST_COLUMNS:
-        raise IdentificationError(f"has {count} columns; allowed: at most {MOST_COLUMNS}")
-    first = next(index for index in data if len(rows[index]) == count)  # lines such as Points,700 may stand above
+    text = _read(path)
+    about = text.about
+    mark, point = _format(text.lines, separator, decimal) if about is None else (",", ".")
+    notes = [f"columns separated by {_name(SEPARATORS, mark)}", *["decimal commas"] * (point == ",")]
+    rows = _cells(text.lines, mark)
+    first, count = _start(rows, point, written=about is not None)
     numbers = _numbers(rows[first:], count, point)
-    headings, fewer = headings_of(rows[:first], count)
-    above = _cells([comment], mark) if comment and not headings and about is None else []
-    commented = bool(above) and _are_names(above[0], count, point)
-    if commented:
-        headings, _ = headings_of(above, count)
-    notes = [f"columns separated by {_name(SEPARATORS, mark)}"]
-    if point == ",":
-        notes.append("decimal commas")
-    if cut or len(numbers) < len(rows) - first:
+    if text.cut or len(numbers) < len(rows) - first:
         notes.append("the last row is cut off and was left out")
-    if commented:
-        notes.append("names of the columns from the comment above them")
+    above = _cells([text.comment], mark)[0] if text.comment and about is None else []
+    headings, fewer, found = _headings(rows[:first], above, count, point)
+    notes += found
+    if between := sum(first < line < len(rows) for line in text.comments):
+        notes.append(f"comments between the samples, left out: {between}; without times no sample is missing there")
+    if not headings and counts_columns(rows[first]):
+        shown = ", ".join(filter(None, rows[first]))
+        if are_fractions(rows[first + 1 : first + len(numbers)], range(int(not rows[first][0]), count)):
+            headings, numbers = [(name, "") for name in rows[first]], numbers[1:]
+            notes.append(f"names of the columns from the first row: {shown}")
+        else:
+            notes.append(f"the first row, {shown}, is taken as a sample; if it has names of the columns, leave it out")
     if fewer:
         numbers, headings, count = without_row_names(numbers), headings[1:], count - 1
         notes.append("the first column has no name and those of the rows: left out")
@@ -91,16 +86,61 @@ def columns_of_text(
     return columns, notes, about
 
 
+def _headings(
+    rows: Cells, comment: Sequence[str], count: int, point: str
+) -> tuple[list[tuple[str, str]], bool, list[str]]:
+    """As `headings_of` the rows above the numbers, or a comment above them; and notes."""
+    notes = []
+    headings, fewer = headings_of([row for row in rows if not _is_empty(row)], count)
+    if not headings and _are_names(comment, count, point):
+        headings, _ = headings_of([comment], count)
+        notes.append("names of the columns from the comment above them")
+    if empty := sum(1 for _ in itertools.takewhile(_is_empty, reversed(rows))):
+        notes.append(f"rows without a number above the first sample, left out: {empty}")
+    return headings, fewer, notes
+
+
+class _Text(NamedTuple):
+    lines: list[str]  # without comments
+    cut: bool  # whether the last line was cut off and is left out
+    comment: str  # the last one above all lines
+    comments: list[int]  # numbers of the lines above each comment
+    about: dict[str, Any] | None  # JSON of a written text
+
+
+def _start(rows: Cells, point: str, written: bool) -> tuple[int, int]:
+    """The first row of numbers, and the number of columns, which is that of the last rows."""
+    # the one heading of a written text may be of numbers
+    data = [index for index, row in enumerate(rows) if _is_data(row, point) and (not written or index)]
+    if not data:
+        raise IdentificationError(
+            "there are no samples: no row is of numbers; name what separates them with --separator, --decimal"
+        )
+    count = Counter(len(rows[index]) for index in data[-_LOOKED_AT:]).most_common(1)[0][0]
+    if count > MOST_COLUMNS:
+        raise IdentificationError(f"has {count} columns; allowed: at most {MOST_COLUMNS}")
+    # lines such as Points,700 may stand above, but no samples of fewer or more columns
+    return next(index for index in data if len(rows[index]) == count or _are_numbers(rows[index], point)), count
+
+
+def _are_numbers(row: Sequence[str], point: str) -> bool:
+    """Whether a row has two or more numbers, and no text."""
+    numbers = [_number(cell, point) for cell in row]
+    return None not in numbers and sum(not _is_empty([cell]) for cell in row) > 1
+
+
+def _is_empty(row: Sequence[str]) -> bool:
+    """Whether all cells of a row lack a number."""
+    return all(cell.lower() in MISSING for cell in row)
+
+
 def _are_names(cells: Sequence[str], count: int, point: str) -> bool:
     """Whether a comment, split into cells, names all columns."""
     return len(cells) == count and all(cell.strip() and not _is_data([cell], point) for cell in cells)
 
 
-def _lines(path: str) -> tuple[list[str], bool, str, dict[str, Any] | None]:
-    """The lines without comments, whether the last one was cut off and is left out, and what comments say.
-
-    These are the last one above all other lines, and the JSON of a written text.
-    """
+def _read(path: str) -> _Text:
+    """The lines of a file, and what its comments say."""
     with open_regular(path) as file:
         content = file.read()
     encoding = "utf-16" if content.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8-sig"
@@ -121,7 +161,9 @@ def _lines(path: str) -> tuple[list[str], bool, str, dict[str, Any] | None]:
     about = json.loads(text.splitlines()[0].removeprefix(WRITTEN)) if text.startswith(WRITTEN) else None
     above = list(itertools.takewhile(_is_comment, written))
     comment = above[-1].strip().lstrip("".join(_COMMENTS)).strip() if above else ""
-    return (lines[:-1] if cut else lines), cut, comment, about
+    places = [index for index, line in enumerate(written) if _is_comment(line)]
+    comments = [index - earlier for earlier, index in enumerate(places)]
+    return _Text(lines[:-1] if cut else lines, cut, comment, comments, about)
 
 
 def _is_comment(line: str) -> bool:
@@ -172,8 +214,10 @@ def _cells(lines: Sequence[str], mark: str) -> Cells:
         return [line.split() for line in lines]
     rows = csv.reader(io.StringIO("\n".join(lines)), delimiter=mark, skipinitialspace=True)
     cells = [[cell.strip() for cell in row] for row in rows]
-    ends = [row[:-1] if len(row) > 1 and not row[-1] else row for row in cells]  # a separator at the end of each row
-    return ends if all(len(row) > 1 and not row[-1] for row in cells[-5:]) else cells
+    width = Counter(map(len, cells[len(cells) // 2 :])).most_common(1)[0][0]
+    if width <= 1 or any(row[-1] for row in cells if len(row) == width):  # a last column with a name or a number
+        return cells
+    return [row[:-1] if len(row) > 1 and not row[-1] else row for row in cells]  # a separator ends each row
 
 
 def _is_data(row: Sequence[str], point: str) -> bool:
@@ -183,8 +227,8 @@ def _is_data(row: Sequence[str], point: str) -> bool:
     return numbers > 0 and texts <= numbers
 
 
-def _number(cell: str, point: str) -> float | None:
-    """A number, NaN for a missing one, None for a text."""
+def _number(cell: str, point: str, epoch: int = 0) -> float | None:
+    """A number, NaN for a missing one, None for a text; of a date and time the seconds since an epoch (ns)."""
     if cell.lower() in MISSING:
         return np.nan
     if point == ",":
@@ -194,15 +238,16 @@ def _number(cell: str, point: str) -> float | None:
     try:
         return float(cell)
     except ValueError:
-        return _clock(cell)
+        stamp = _stamp(cell)
+        return None if stamp is None else 1e-9 * (stamp - epoch)
 
 
-def _clock(cell: str) -> float | None:
-    """Seconds of a date and time in ISO 8601 since 1970; None for another text."""
+def _stamp(cell: str) -> int | None:
+    """A date and time in ISO 8601 in ns since 1970; None for another text."""
     if len(cell) < 16 or not cell[:4].isdigit():
         return None
     try:
-        return float(np.datetime64(cell.rstrip("Z").replace(" ", "T"), "ns").astype(np.int64)) * 1e-9
+        return int(np.datetime64(cell.rstrip("Z").replace(" ", "T"), "ns").astype(np.int64))
     except ValueError:
         return None
 
@@ -214,8 +259,8 @@ def _numbers(rows: Cells, count: int, point: str) -> NDArray[np.float64]:
         wrong = None
     if wrong is not None:
         raise IdentificationError(
-            f"is damaged: row {wrong + 1} of the numbers has {len(rows[wrong])} columns, the others {count}; "
-            "name what separates them with --separator, --decimal"
+            f"is damaged: row {wrong + 1} of the numbers has {len(rows[wrong])} columns, the last rows have {count}; "
+            "correct it, or name what separates them with --separator, --decimal"
         )
     try:
         if point == ".":
@@ -224,7 +269,9 @@ def _numbers(rows: Cells, count: int, point: str) -> NDArray[np.float64]:
         pass
     numbers = np.empty((len(rows), count))
     for index in range(count):
-        values = [_number(row[index], point) for row in rows]
+        # a double holds no us of a date: dates and times count from the first
+        epoch = next((stamp for row in rows if (stamp := _stamp(row[index])) is not None), 0)
+        values = [_number(row[index], point, epoch) for row in rows]
         texts = [row[index] for row, value in zip(rows, values, strict=True) if value is None]
         if texts and 2 * len(texts) < len(rows):
             raise IdentificationError(
