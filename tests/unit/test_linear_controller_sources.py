@@ -20,6 +20,7 @@ from amb_core.identification import IdentificationData, StateSpaceModel, identif
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.loop.records import LoopRecord
+from amb_core.recording import Recording
 from amb_core.recording.messages.state_space_model import fill_model
 from tests.bag_messages import PARAMETERS, TELEMETRY, TYPES, telemetry
 from tests.lqg_loop import SAMPLE_TIME, linear_law, rotor
@@ -121,6 +122,23 @@ def test_a_bag_with_a_published_controller_is_identified(
     loop = read(folder)
     assert loop.controller == LinearControl(law, LinearControllerParameters(current_limit=LIMIT))
     assert identify(loop.data, 6, "ssarx", loop.controller).model.fit.min() > 95.0
+
+
+def test_a_run_has_the_controller_that_was_published_before_it(
+    law: StateSpaceModel, record: LoopRecord, tmp_path: Path
+) -> None:
+    laws = {1: law, 2: rotor(2).model}
+    messages = [
+        message
+        for run, model in laws.items()
+        for message in (
+            ("/amb/controller", MODEL, published(model)),
+            ("/amb/telemetry", TELEMETRY, telemetry(record, run)),
+        )
+    ]
+    recording = Recording.read(bag(tmp_path / "bag", messages))
+    for run, model in [*laws.items(), (None, laws[2])]:
+        np.testing.assert_array_equal(recording.published_controller(run).a, model.a)
 
 
 def test_a_bag_names_the_file_of_its_controller(record: LoopRecord, file: Path, tmp_path: Path) -> None:

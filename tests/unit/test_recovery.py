@@ -230,6 +230,17 @@ def test_the_command_reports_what_it_found_and_leaves_the_bag_alone(bag: Path, t
     assert (damaged / "bag_0.mcap").read_bytes() == before
     assert [file.name for file in damaged.iterdir()] == ["bag_0.mcap"]
     again = CliRunner().invoke(app, ["bag", "recover", str(tmp_path / "night_recovered")], catch_exceptions=False)
-    assert "The bag is whole" in again.output
+    assert "The bag is whole: every file can be read to its end, and metadata.yaml agrees." in again.output
     noted = CliRunner().invoke(app, ["bag", "info", str(damaged)], catch_exceptions=False)
     assert f"amb bag recover {damaged} makes a whole bag of the rest" in noted.output
+
+
+def test_nothing_is_said_of_metadata_where_one_file_is_looked_at(bag: Path) -> None:
+    shown = CliRunner().invoke(app, ["bag", "recover", str(next(bag.glob("*.mcap")))], catch_exceptions=False)
+    assert "The bag is whole: every file can be read to its end." in shown.output
+
+
+def test_the_recovered_bag_of_a_folder_with_a_dot_in_its_name_keeps_the_whole_name(bag: Path, tmp_path: Path) -> None:
+    damaged = cut(bag, next(bag.glob("*.mcap")).stat().st_size // 2, tmp_path / "lab.2026-11-30")
+    CliRunner().invoke(app, ["bag", "recover", str(damaged)], catch_exceptions=False)
+    assert (tmp_path / "lab.2026-11-30_recovered").is_dir()

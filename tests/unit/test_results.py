@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from amb_bringup.cli import app
 from amb_core.data.analysis import read
 from amb_core.ground.results import VERSION, plain, unnamed
+from amb_core.ground.results.names import NAMES
 from amb_core.identification import identify
 from amb_core.regions import Region
 from amb_core.regions.distortion import DistortionSettings
@@ -68,6 +69,11 @@ def test_every_number_of_a_file_has_a_name_with_its_unit(files: Path, name: str)
     assert next(iter(content)) == "version"
     assert content["version"] == VERSION
     assert unnamed(content) == []
+
+
+def test_a_name_shows_percent_and_decibels_except_fit() -> None:
+    endings = {"percent": "_percent", "dB": "_db"}
+    assert [name for name, (unit, _) in NAMES.items() if not name.endswith(endings.get(unit, ""))] == ["fit"]
 
 
 def test_results_show_themselves() -> None:

@@ -16,6 +16,7 @@ from amb_bringup.commands import bag_export
 from amb_bringup.commands.damaged_bags import warn_of_damage
 from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.terminal import Terminal
+from amb_core.ground.files.regular_files import is_folder
 
 if TYPE_CHECKING:
     from amb_core.recording import RunOverview, TopicInfo
@@ -93,10 +94,11 @@ def recover(
     for text in state.damage:
         console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
     if not state.damage:
-        console.print("The bag is whole: every file can be read to its end, and metadata.yaml agrees.")
+        agrees = ", and metadata.yaml agrees" if is_folder(bag) else ""
+        console.print(f"The bag is whole: every file can be read to its end{agrees}.")
         return
     with Stages(console, "bytes") as stages:
-        target = out or bag.absolute().with_name(f"{bag.absolute().stem}_recovered")
+        target = out or bag.absolute().with_name(f"{bag_export.name_of(bag)}_recovered")
         made = recover_bag(state, target, stages.update)
     console.print(f"recovered bag: {made}", highlight=False, markup=False, soft_wrap=True)
 

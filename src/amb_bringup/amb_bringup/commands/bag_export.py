@@ -16,6 +16,7 @@ from amb_bringup.commands.progress import Stages
 from amb_bringup.commands.results import make_place, new_file
 from amb_bringup.commands.terminal import Terminal
 from amb_core.ground.errors import BagError
+from amb_core.ground.files.regular_files import is_folder
 
 if TYPE_CHECKING:
     from amb_core.recording.export import RunTelemetry
@@ -83,7 +84,7 @@ def export(
     if layout and form not in LAYOUTS:
         raise BagError(f"--layout is for {' and '.join(f'--{name}' for name in LAYOUTS)}")
     ending = TABLES.get(form, ".mcap")
-    path = out or bag.absolute().with_name(f"{bag.absolute().stem}{'' if form in TABLES else f'_{form}'}{ending}")
+    path = out or bag.absolute().with_name(f"{name_of(bag)}{'' if form in TABLES else f'_{form}'}{ending}")
     make_place(path, (ending,))
     console = Terminal()
     wanted = [name.strip() for name in topics.split(",") if name.strip()]
@@ -93,9 +94,8 @@ def export(
         stages = files.enter_context(Stages(console, "steps"))
         telemetry = RunTelemetry(bag, run, start, end, stages.update)
         if form in TABLES:
-            clearance = recorded_clearance(
-                Recording.read_description(bag, telemetry.run, telemetry.spans[0][0]), telemetry.axes
-            )
+            description = Recording.read_description(bag, telemetry.run, telemetry.spans[0][0], telemetry.run_ends)
+            clearance = recorded_clearance(description, telemetry.axes, telemetry.run)
             write_table(telemetry, part, wanted, clearance_fields(clearance))
         else:
             tools[form][0](telemetry, part, wanted)
@@ -107,6 +107,12 @@ def export(
         console.print(f"not in a .csv file: {_clearances(clearance)}", highlight=False)
     if layout:
         console.print(f"layout: {_layout_beside(path, form)}", highlight=False, markup=False, soft_wrap=True)
+
+
+def name_of(bag: Path) -> str:
+    """Name of a bag without the ending of a file. A folder has no ending: a dot belongs to its name."""
+    path = bag.absolute()
+    return path.name if is_folder(path) else path.stem
 
 
 def _layout_beside(path: Path, form: str) -> Path:

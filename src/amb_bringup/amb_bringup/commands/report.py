@@ -49,7 +49,7 @@ def report(
     controller = files.resolve().controller
     with Stages(console) as stages:
         named = (
-            recorded_controller(recording, recording.sample_rate, controller)
+            recorded_controller(recording, recording.sample_rate, controller, run)
             if controller not in ("", NO_CONTROLLER)
             else None
         )

@@ -35,7 +35,7 @@ class BagReader:
         self._path = Path(path)
         self._storage = open_storage(self._path)
         self._decoder = Decoder(self._path, self._storage.definitions)
-        self._kept: dict[str, list[tuple[str, bytes]]] = {}
+        self._kept: dict[str, list[tuple[str, int, bytes]]] = {}
 
     def survey(self, kept: list[str], stretch: list[Any] | None = None) -> dict[str, Any] | None:
         """Read the bag once, and keep the messages of some types for `kept`.
@@ -62,7 +62,7 @@ class BagReader:
             counts[key] = counts.get(key, 0) + 1
             start, end = min(start, message.log_time), max(end, message.log_time)
             if message.type in kept:
-                self._kept.setdefault(kind_of(*key), []).append((message.type, message.data))
+                self._kept.setdefault(kind_of(*key), []).append((message.type, message.log_time, message.data))
         return {
             "counts": [[*key, count] for key, count in sorted(counts.items())],
             "start": start if counts else 0,
@@ -72,9 +72,9 @@ class BagReader:
 
     @yields
     def kept(self, kind: str) -> Iterator[Any]:
-        """The messages of a kind that `survey` has kept, decoded; their stored form is dropped."""
-        for message_type, data in self._kept.pop(kind, []):
-            yield self._decoder.decode(message_type, data)
+        """Times of recording and messages of a kind that `survey` has kept, decoded; their stored form is dropped."""
+        for message_type, log_time, data in self._kept.pop(kind, []):
+            yield [log_time, self._decoder.decode(message_type, data)]
 
     @yields
     def messages(

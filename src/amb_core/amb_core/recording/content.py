@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from amb_core.ground.errors import BagError
 from amb_core.loop.experiments import AppliedExcitation
@@ -24,6 +24,7 @@ from amb_core.recording.messages.machine import MACHINE, machine_from_message
 from amb_core.recording.messages.parameters import PARAMETER_EVENT, ParameterValue, parameters_from_messages
 from amb_core.recording.messages.plant_state import PLANT_STATE
 from amb_core.recording.messages.state_space_model import STATE_SPACE_MODEL
+from amb_core.recording.run_ends import RunEnds
 from amb_core.recording.topic_info import TopicInfo
 
 if TYPE_CHECKING:
@@ -68,6 +69,8 @@ class BagContent:
         this telemetry is read.
     kept : sequence of str, optional
         Message types that are kept where there is no index.
+    run_ends : RunEnds, optional
+        The ends of the runs, where telemetry is not kept; by default from the telemetry that was read.
 
     Attributes
     ----------
@@ -84,9 +87,14 @@ class BagContent:
     """
 
     def __init__(
-        self, path: Path, stretch: tuple[int | None, int, int] | None = None, kept: Sequence[str] = KEPT
+        self,
+        path: Path,
+        stretch: tuple[int | None, int, int] | None = None,
+        kept: Sequence[str] = KEPT,
+        run_ends: RunEnds | None = None,
     ) -> None:
         self.path = path
+        self._given_ends = run_ends
         self._reader = BagApart(path)
         survey = None
         if stretch is not None:
@@ -122,21 +130,40 @@ class BagContent:
     @cached_property
     def blocks(self) -> dict[int, list[LoopRecord]]:
         """Telemetry blocks by run, the run recorded last at the end."""
-
-        def block_of_run(message: Any) -> tuple[int, LoopRecord]:
-            return int(message.run), block_from_message(message)
-
         blocks: dict[int, list[LoopRecord]] = {}
-        for run, block in self._converted(LOOP_SAMPLES, block_of_run):
+        for _, (run, block) in self._telemetry:
             if run in blocks and run != next(reversed(blocks)):
                 blocks[run] = blocks.pop(run)
             blocks.setdefault(run, []).append(block)
         return blocks
 
     @cached_property
-    def machines(self) -> list[Machine]:
-        """The machines, in order."""
-        return self._converted(MACHINE, machine_from_message)
+    def run_ends(self) -> RunEnds:
+        """The ends of the runs."""
+        if self._given_ends is not None:
+            return self._given_ends
+        ends = RunEnds()
+        for time, (run, _) in self._telemetry:
+            ends.add(run, time)
+        return ends
+
+    def machine(self, run: int | None = None) -> Machine | None:
+        """The machine of a run, by default the last one; None if there is none."""
+        return self._latest(self._machines, run)
+
+    def controller(self, run: int | None = None) -> Any:
+        """The published linear controller of a run, by default the last one, as a message; None if there is none."""
+        return self._latest(self._controllers, run)
+
+    def parameters(self, run: int | None = None) -> dict[str, dict[str, ParameterValue]]:
+        """The parameters of each node at the end of a run, by default the last one, by full node name and name.
+
+        Those that were recorded only later have their last value.
+        """
+        nodes = self._parameters_until(None)
+        for node, values in self._parameters_until(self._end_of(run)).items():
+            nodes[node] |= values
+        return nodes
 
     @cached_property
     def plant_states(self) -> list[Any]:
@@ -163,25 +190,9 @@ class BagContent:
         return steps
 
     @cached_property
-    def parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        """The last known parameters of each node, by full node name and parameter name."""
-        nodes: dict[str, dict[str, ParameterValue]] = {}
-        for event in self._converted(PARAMETER_EVENT, _unchanged):
-            values = nodes.setdefault(event.node, {})
-            values.update(parameters_from_messages([*event.new_parameters, *event.changed_parameters]))
-            for parameter in event.deleted_parameters:
-                values.pop(parameter.name, None)
-        return nodes
-
-    @cached_property
     def models(self) -> list[Any]:
         """The identified models as messages, in order."""
         return self._converted(STATE_SPACE_MODEL, _unchanged)
-
-    @cached_property
-    def controllers(self) -> list[Any]:
-        """The published linear controllers as messages, in order."""
-        return self._converted(CONTROLLER, _unchanged)
 
     @cached_property
     def regions(self) -> list[tuple[int, RegionState]]:
@@ -202,11 +213,70 @@ class BagContent:
             raise BagError(f"bag {self.path}: {message_type} is on more than one topic: {', '.join(names)}")
         return names[0] if names else None
 
+    @cached_property
+    def _telemetry(self) -> list[tuple[int, tuple[int, LoopRecord]]]:
+        """Times, and runs with blocks."""
+        return self._timed(LOOP_SAMPLES, lambda message: (int(message.run), block_from_message(message)))
+
+    @cached_property
+    def _machines(self) -> list[tuple[int, Machine]]:
+        return self._timed(MACHINE, machine_from_message)
+
+    @cached_property
+    def _controllers(self) -> list[tuple[int, Any]]:
+        return self._timed(CONTROLLER, _unchanged)
+
+    @cached_property
+    def _parameter_changes(self) -> list[tuple[int, _ParameterChange]]:
+        return self._timed(PARAMETER_EVENT, _ParameterChange.from_message)
+
+    def _latest(self, timed: list[tuple[int, T]], run: int | None) -> T | None:
+        """The last one at the end of a run, or else the first one after it: a latched message may come late."""
+        end = self._end_of(run)
+        known = [item for time, item in timed if end is None or time <= end]
+        if known:
+            return known[-1]
+        return timed[0][1] if timed else None
+
+    def _end_of(self, run: int | None) -> int | None:
+        """Time (ns since 1970) up to which messages describe a run; None if all do."""
+        return None if run is None else self.run_ends.of(run)
+
+    def _parameters_until(self, end: int | None) -> dict[str, dict[str, ParameterValue]]:
+        """The parameters of each node at a time (ns since 1970), None for the last ones."""
+        nodes: dict[str, dict[str, ParameterValue]] = {}
+        for time, change in self._parameter_changes:
+            if end is None or time <= end:
+                change.apply(nodes.setdefault(change.node, {}))
+        return nodes
+
     def _converted(self, message_type: str, convert: Callable[[Any], T]) -> list[T]:
         """The messages of a type in order; their stored form is dropped."""
+        return [item for _, item in self._timed(message_type, convert)]
+
+    def _timed(self, message_type: str, convert: Callable[[Any], T]) -> list[tuple[int, T]]:
+        """As `_converted`, each with the time at which it was recorded (ns since 1970)."""
         if self.topic_of(message_type) is None:
             return []
-        return [convert(message) for message in self._reader.iterate("kept", message_type)]
+        return [(int(time), convert(message)) for time, message in self._reader.iterate("kept", message_type)]
+
+
+class _ParameterChange(NamedTuple):
+    """A ParameterEvent: values that a node has set, and names of parameters that it has deleted."""
+
+    node: str
+    values: dict[str, ParameterValue]
+    deleted: list[str]
+
+    @classmethod
+    def from_message(cls, event: Any) -> _ParameterChange:
+        values = parameters_from_messages([*event.new_parameters, *event.changed_parameters])
+        return cls(str(event.node), values, [parameter.name for parameter in event.deleted_parameters])
+
+    def apply(self, parameters: dict[str, ParameterValue]) -> None:
+        parameters.update(self.values)
+        for name in self.deleted:
+            parameters.pop(name, None)
 
 
 def _unchanged(message: Any) -> Any:

@@ -58,15 +58,20 @@ class RecordedRuns:
             self.telemetry()  # its error lists what is available
         return sample_rate_of(self._content.blocks[self.runs[-1]][0].sample_time)
 
-    def machine(self) -> Machine | None:
-        """The machine as it was last published, None when it was not recorded (as by version 0.1).
+    def machine(self, run: int | None = None) -> Machine | None:
+        """The machine of a run, None when it was not recorded (as by version 0.1).
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
         Machine or None
             Axes, bearings and sample rate.
         """
-        return self._content.machines[-1] if self._content.machines else None
+        return self._content.machine(run)
 
     def telemetry(self, run: int | None = None, first_step: int | None = None, stop: int | None = None) -> LoopRecord:
         """The loop samples of a run.
@@ -185,7 +190,7 @@ class RecordedRuns:
             this version of the library does not know.
         """
         known = {(int(item.run), int(item.id)): item for item in self._content.excitations}
-        machine = self.machine()
+        machine = self.machine(run)
         frequency = np.full(max(stop, 0), np.nan)
         for answer in self.excitations(run):
             if answer.accepted:  # also for a stop: an excitation ends where the next one begins

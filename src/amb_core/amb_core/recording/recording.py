@@ -11,10 +11,12 @@ from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.given_values import path_of
 from amb_core.ground.parameters import part_of
 from amb_core.loop.experiments import controller_of, controller_of_bridge, linear_controller_of
+from amb_core.loop.records import sample_rate_of
 from amb_core.recording.content import DESCRIBING, BagContent
 from amb_core.recording.messages.parameters import ParameterValue
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_core.recording.recorded_runs import RecordedRuns
+from amb_core.recording.run_ends import RunEnds
 
 if TYPE_CHECKING:
     from amb_core.linear.model import StateSpaceModel
@@ -113,7 +115,7 @@ class Recording(RecordedRuns):
         return stretch if covered else cls.read(path)
 
     @classmethod
-    def read_description(cls, path: str | Path, run: int, step: int) -> Recording:
+    def read_description(cls, path: str | Path, run: int, step: int, run_ends: RunEnds) -> Recording:
         """Read what describes the machine and the nodes of a run, and no more telemetry than a step of it.
 
         Where the files have an index, no more than this is read.
@@ -126,6 +128,8 @@ class Recording(RecordedRuns):
             Number of the run.
         step : int
             A step that the run has.
+        run_ends : RunEnds
+            The ends of the runs of the bag.
 
         Returns
         -------
@@ -137,7 +141,7 @@ class Recording(RecordedRuns):
         BagError
             If there is no bag, or if no message of a damaged one can be read.
         """
-        return cls(BagContent(Path(path), (run, step, step + 1), DESCRIBING))
+        return cls(BagContent(Path(path), (run, step, step + 1), DESCRIBING, run_ends))
 
     @property
     def content(self) -> BagContent:
@@ -149,36 +153,50 @@ class Recording(RecordedRuns):
         """Number of messages."""
         return sum(topic.messages for topic in self.topics)
 
-    def parameters(self) -> dict[str, dict[str, ParameterValue]]:
-        """The last known parameters of each node, by full node name and parameter name.
+    def parameters(self, run: int | None = None) -> dict[str, dict[str, ParameterValue]]:
+        """The parameters of each node at the end of a run, by full node name and parameter name.
+
+        A parameter that was recorded only later has its last known value.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
         dict of str to dict of str to ParameterValue
             Values by node and parameter; a copy.
         """
-        return {node: dict(values) for node, values in self._content.parameters.items()}
+        return self._content.parameters(run)
 
-    def parameters_of(self, name: str) -> dict[str, ParameterValue] | None:
-        """The last known parameters of the node of this name in any namespace, None when they were not recorded.
+    def parameters_of(self, name: str, run: int | None = None) -> dict[str, ParameterValue] | None:
+        """The parameters of the node of this name in any namespace, None when they were not recorded.
 
         Parameters
         ----------
         name : str
             Name of the node without its namespace.
+        run : int, optional
+            Number of the run at whose end the node had them; by default the last one.
 
         Returns
         -------
         dict of str to ParameterValue or None
             Values by parameter; a copy.
         """
-        for node, values in self._content.parameters.items():
+        for node, values in self._content.parameters(run).items():
             if node.rsplit("/", 1)[-1] == name:
-                return dict(values)
+                return values
         return None
 
-    def controller_parameters(self) -> ControllerParameters | None:
+    def controller_parameters(self, run: int | None = None) -> ControllerParameters | None:
         """Parameters of the recorded controller (a node named pd_controller), None when they were not recorded.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
@@ -190,14 +208,19 @@ class Recording(RecordedRuns):
         ParameterError
             If one is out of its range.
         """
-        values = self.parameters_of(CONTROLLER_NODE)
-        return None if values is None else controller_of(values, self.sample_rate if self.runs else None)
+        values = self.parameters_of(CONTROLLER_NODE, run)
+        return None if values is None else controller_of(values, self._sample_rate_of(run))
 
-    def controller(self) -> KnownController | None:
+    def controller(self, run: int | None = None) -> KnownController | None:
         """The recorded controller: PD, or a linear one from its topic or, without that, from the file that it named.
 
         That of a rig is the one that its bridge sent to the target. None if no controller was recorded, or more than
         one, so that which of them ran is not known.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
@@ -211,45 +234,67 @@ class Recording(RecordedRuns):
         BagError, IdentificationError
             If the recorded controller is not complete.
         """
-        recorded = self._controllers()
+        recorded = self._controllers(run)
         if len(recorded) != 1:
             return None
         (node, values), *_ = recorded.items()
         if node == CONTROLLER_NODE:
-            return self.controller_parameters()
+            return self.controller_parameters(run)
         if node == BRIDGE_NODE:
-            return controller_of_bridge(values, self.sample_rate if self.runs else None)
-        return linear_controller_of(values, self.published_controller())
+            return controller_of_bridge(values, self._sample_rate_of(run))
+        return linear_controller_of(values, self.published_controller(run))
 
-    def current_limit(self) -> float | None:
+    def current_limit(self, run: int | None = None) -> float | None:
         """Limit of the currents of the recorded controller (A), None if it was not recorded or there were two.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
         float or None
             The limit (A).
         """
-        recorded = self._controllers().values()
+        recorded = self._controllers(run).values()
         known = [float(str(values["current_limit"])) for values in recorded if "current_limit" in values]
         return known[0] if len(known) == 1 else None
 
-    def _controllers(self) -> dict[str, dict[str, ParameterValue]]:
+    def _controllers(self, run: int | None) -> dict[str, dict[str, ParameterValue]]:
         """Parameters of each recorded node that closes the loop."""
-        nodes = {name: self.parameters_of(name) for name in (CONTROLLER_NODE, LINEAR_CONTROLLER_NODE, BRIDGE_NODE)}
+        nodes = {name: self.parameters_of(name, run) for name in (CONTROLLER_NODE, LINEAR_CONTROLLER_NODE, BRIDGE_NODE)}
         return {name: values for name, values in nodes.items() if values is not None}
 
-    def published_controller(self) -> StateSpaceModel | None:
-        """The last linear controller on the topic `controller`, None when there is none.
+    def _sample_rate_of(self, run: int | None) -> float | None:
+        """Controller sample rate of a run (Hz), None without telemetry."""
+        runs = self._content.blocks
+        blocks = runs.get(next(reversed(runs), 0) if run is None else run)
+        return sample_rate_of(blocks[0].sample_time) if blocks else None
+
+    def published_controller(self, run: int | None = None) -> StateSpaceModel | None:
+        """The linear controller of a run on the topic `controller`, None when there is none.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
         StateSpaceModel or None
             The controller as a state-space model.
         """
-        return model_from_message(self._content.controllers[-1]) if self._content.controllers else None
+        controller = self._content.controller(run)
+        return None if controller is None else model_from_message(controller)
 
-    def plant_parameters(self) -> PlantParameters | None:
+    def plant_parameters(self, run: int | None = None) -> PlantParameters | None:
         """Parameters of the simulated plant (a node named simulator), None if there are none, as for a real bearing.
+
+        Parameters
+        ----------
+        run : int, optional
+            Number of the run; by default the last one.
 
         Returns
         -------
@@ -261,7 +306,7 @@ class Recording(RecordedRuns):
         ParameterError
             If one is out of its range.
         """
-        values = self.parameters_of(SIMULATOR_NODE)
+        values = self.parameters_of(SIMULATOR_NODE, run)
         if values is None:
             return None
         from amb_core.plant import PlantParameters  # loads a compiler

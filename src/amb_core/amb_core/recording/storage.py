@@ -189,7 +189,7 @@ class McapStorage:
         return self._of_chunks(wanted, list(itertools.chain(*chunks))) if chunks and all(chunks) else None
 
     def _of_chunks(self, wanted: Stretch, chunks: list[_Chunk]) -> Iterator[StoredMessage]:
-        """Those of the chunks that hold other types, and of the ones of telemetry from before to after the stretch."""
+        """Those of the chunks that hold other types, and of telemetry around the stretch and the end of its run."""
         types = [{kind for _, kind in keys} for *_, keys in chunks]
         holding = [index for index, kinds in enumerate(types) if wanted.telemetry in kinds]
         if not holding:
@@ -207,7 +207,8 @@ class McapStorage:
             bisect_right(holding, (run, wanted.first_step), key=begins) - 2, 0
         )  # two, for messages out of order
         after = bisect_left(holding, (run, wanted.stop), key=begins) + 1
-        near = set(holding[before:after])
+        following = bisect_left(holding, (run + 1, 0), key=begins)
+        near = {*holding[before:after], *holding[max(following - 2, 0) : following + 1]}  # also where the run ends
         for index, chunk in enumerate(chunks):
             if index in near or types[index] & set(wanted.others):
                 yield from self._at(chunk)

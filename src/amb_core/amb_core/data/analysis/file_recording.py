@@ -17,6 +17,7 @@ from amb_core.loop.records import LoopRecord
 from amb_core.recording import TopicInfo
 from amb_core.recording.content import BagContent
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES
+from amb_core.recording.run_ends import RunEnds
 
 RUN = 1
 NO_STEPS = "run and steps are not allowed; they are for bags with telemetry of this workbench"
@@ -55,5 +56,10 @@ class FileContent(BagContent):
         """There are no messages."""
         raise BagError(f"data {shown(self.path)}: holds no messages of {topic}; it is a file, not a bag")
 
-    def _converted(self, message_type: str, convert: Any) -> list[Any]:
+    @cached_property
+    def run_ends(self) -> RunEnds:
+        """The only run has no end before another one."""
+        return RunEnds()
+
+    def _timed(self, message_type: str, convert: Any) -> list[tuple[int, Any]]:
         return []

@@ -72,7 +72,7 @@ def read(
     if recording is not None and _as_it_is(recording, known):
         recording.clearance = known.clearance
         recorded = recorded_data(recording, run, first_step, steps)
-        return _loop(split_at_invalid(recorded) if known.repair == "split" else recorded, known, recording)
+        return _loop(split_at_invalid(recorded) if known.repair == "split" else recorded, known, recording, run)
     if run is not None or first_step != -1 or steps:
         raise IdentificationError(f"data {path}: {NO_STEPS}")
     data, described = _data(path, recording, known)
@@ -154,21 +154,25 @@ def _with_clearance(data: IdentificationData, known: DataDescription) -> Identif
     return replace(data, clearance={**data.clearance, **radial_clearance(data.output_names, known.clearance)})
 
 
-def _loop(data: IdentificationData, known: DataDescription, recording: Recording | None = None) -> RecordedLoop:
-    """Data with their controller: the named one, or that of the bag."""
-    plant = None if recording is None else recording.plant_parameters()
+def _loop(
+    data: IdentificationData, known: DataDescription, recording: Recording | None = None, run: int | None = None
+) -> RecordedLoop:
+    """Data with their controller: the named one, or that of the run in the bag."""
+    plant = None if recording is None else recording.plant_parameters(run)
     damage = "" if recording is None else recording.truncated
     if known.controller == NO_CONTROLLER:
         return RecordedLoop(replace(data, foreign=True), None, plant, damage)
     if recording is not None:
-        controller = recorded_controller(recording, data.sample_rate, known.controller)
+        controller = recorded_controller(recording, data.sample_rate, known.controller, run)
     else:
         controller = named_controller(known.controller, sample_rate=data.sample_rate) if known.controller else None
     return RecordedLoop(data, controller and with_shown_limit(controller, data), plant, damage)
 
 
-def recorded_controller(recording: Recording, sample_rate: float, named: str = "") -> KnownController | None:
-    """The controller that a user names, with the recorded limit of its currents; or the recorded one.
+def recorded_controller(
+    recording: Recording, sample_rate: float, named: str = "", run: int | None = None
+) -> KnownController | None:
+    """The controller that a user names, with the recorded limit of its currents; or the recorded one of a run.
 
     Parameters
     ----------
@@ -178,6 +182,8 @@ def recorded_controller(recording: Recording, sample_rate: float, named: str = "
         Sample rate of the loop (Hz).
     named : str, optional
         Name or file of a controller; empty for the recorded one.
+    run : int, optional
+        Number of the run; by default the last one.
 
     Returns
     -------
@@ -190,6 +196,6 @@ def recorded_controller(recording: Recording, sample_rate: float, named: str = "
         If it is not available, or for another sample rate (Hz).
     """
     if named:
-        return limited(named_controller(named, sample_rate=sample_rate), recording.current_limit())
-    controller = recording.controller()
+        return limited(named_controller(named, sample_rate=sample_rate), recording.current_limit(run))
+    controller = recording.controller(run)
     return controller.at_rate(sample_rate) if isinstance(controller, LinearControl) else controller

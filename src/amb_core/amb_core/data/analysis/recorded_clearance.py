@@ -62,8 +62,8 @@ def known_clearance(
     return known | radial_clearance(axes, given or None)
 
 
-def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, float]:
-    """The clearances that are known of a recording: from its user, its file, or as `known_clearance` finds them.
+def recorded_clearance(recording: Recording, axes: Iterable[str], run: int | None = None) -> dict[str, float]:
+    """The clearances that are known of a recorded run: from its user, its file, or as `known_clearance` finds them.
 
     Parameters
     ----------
@@ -71,6 +71,8 @@ def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, f
         A bag, or a file as a recording of one run.
     axes : iterable of str
         Names of its axes.
+    run : int, optional
+        Number of the run; by default the last one.
 
     Returns
     -------
@@ -78,7 +80,7 @@ def recorded_clearance(recording: Recording, axes: Iterable[str]) -> dict[str, f
         By axis, where it is known: displacement from the centre at which the rotor touches its bearing (m).
     """
     axes = tuple(axes)
-    simulated, monitored = recording.parameters_of(SIMULATOR_NODE), recording.parameters_of(MONITOR_NODE)
-    known = known_clearance(axes, recording.machine(), simulated, monitored)
+    simulated, monitored = recording.parameters_of(SIMULATOR_NODE, run), recording.parameters_of(MONITOR_NODE, run)
+    known = known_clearance(axes, recording.machine(run), simulated, monitored)
     of_file = {axis: value for axis, value in recording.clearance_of_axis.items() if axis in axes}
     return known | of_file | radial_clearance(axes, recording.clearance)

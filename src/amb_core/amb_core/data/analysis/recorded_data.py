@@ -63,8 +63,8 @@ def recorded_data(
     """
     if position_topic is None and current_topic is None and recording.runs:
         data = _from_telemetry(recording, run, first_step, steps)
-    else:
-        data = _from_topics(recording, position_topic, current_topic, run, first_step, steps)
+        return replace(data, clearance=recorded_clearance(recording, data.output_names, run))
+    data = _from_topics(recording, position_topic, current_topic, run, first_step, steps)
     return replace(data, clearance=recorded_clearance(recording, data.output_names))
 
 

@@ -19,6 +19,7 @@ from amb_core.ground.parameters import part_of
 from amb_core.loop.machine import Machine
 from amb_core.loop.records import LoopRecord
 from amb_core.regions import Classification, Judged, Onset, Region, RegionParameters, classify
+from amb_core.regions.classification import in_order
 from amb_core.regions.stretches import stretches
 
 if TYPE_CHECKING:
@@ -117,9 +118,9 @@ def classify_run(recording: Recording, run: int | None = None) -> RecordedRegion
     frequency = recording.input_frequency(first_step, stop, run)
     ended = recording.delevitation(run)
     records = [recording.telemetry(run, start, end) for start, end in spans]
-    machine = _machine(recording, records[0].axes)
-    wanted = _parameters(recording)
-    clearance = recorded_clearance(recording, records[0].axes)
+    machine = _machine(recording, records[0].axes, run)
+    wanted = _parameters(recording, run)
+    clearance = recorded_clearance(recording, records[0].axes, run)
     usable = [part for record in records for part in _finite_parts(record)]
     try:
         parameters = wanted.for_sample_time(records[0].sample_time)
@@ -163,14 +164,14 @@ def _between(spans: Sequence[tuple[int, int]], first_step: int, stop: int) -> li
     return [(end, start) for (_, end), (start, _) in pairwise(ends) if start > end]
 
 
-def _machine(recording: Recording, axes: tuple[str, ...]) -> Machine | None:
+def _machine(recording: Recording, axes: tuple[str, ...], run: int) -> Machine | None:
     """The recorded machine, if the run has its axes."""
-    machine = recording.machine()
+    machine = recording.machine(run)
     return machine if machine is not None and machine.axis_names == axes else None
 
 
-def _parameters(recording: Recording) -> RegionParameters:
-    parameters = part_of(RegionParameters, recording.parameters_of(MONITOR_NODE) or {})
+def _parameters(recording: Recording, run: int) -> RegionParameters:
+    parameters = part_of(RegionParameters, recording.parameters_of(MONITOR_NODE, run) or {})
     if recording.clearance is None:
         return parameters
     return parameters.model_copy(update={"backup_bearing_radius": recording.clearance})
@@ -190,7 +191,10 @@ def _joined(records: Sequence[LoopRecord]) -> LoopRecord:
 def _joined_classification(
     parts: Sequence[Classification], first_step: int, frequency: NDArray[np.float64]
 ) -> Classification:
-    """All states, and the first onset of each region; with the known input frequency, if any."""
+    """All states, and the first onset of each region; with the known input frequency, if any.
+
+    As in one part, a region of the rotor that occurs only after a higher one is missing.
+    """
 
     def first(onsets: Iterable[dict[Region, Onset]]) -> dict[Region, Onset]:
         joined: dict[Region, Onset] = {}
@@ -203,7 +207,7 @@ def _joined_classification(
 
     return Classification(
         [state for part in parts for state in part.states],
-        first(part.onsets for part in parts),
+        in_order(first(part.onsets for part in parts)),
         {axis: first(part.axis_onsets[axis] for part in parts) for axis in parts[0].axis_onsets},
         Judged.joined([part.judged for part in parts]),
     )

@@ -1,7 +1,8 @@
 """Telemetry of one run of a bag, block after block in the order of its steps.
 
 The bag is read twice: to find its runs, axes and gaps, and to give out the samples. Memory use does not depend on the
-length of the recording: only blocks that were recorded before an earlier one wait for it.
+length of the recording: only blocks that were recorded before an earlier one wait for it, and only steps that are in
+the bag more than once are kept, to be compared.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from amb_core.ground.errors import BagError
 from amb_core.ground.given_values import path_of
 from amb_core.ground.progress import Progress, unseen
 from amb_core.loop.records import LoopRecord
-from amb_core.loop.telemetry import RepeatedSteps, StepCoverage
+from amb_core.loop.telemetry import StepCoverage
 from amb_core.recording.bag_reader import BagApart, ReadMessage
+from amb_core.recording.export.repeated_samples import RepeatedSamples
 from amb_core.recording.mcap_file import StoredTopic
 from amb_core.recording.messages.loop_samples import LOOP_SAMPLES, block_from_message
+from amb_core.recording.run_ends import RunEnds
 
 BATCH = 1 << 14
 """Most steps of a batch; with five axes a batch takes 2 MiB."""
@@ -35,6 +38,13 @@ class _RunSurvey:
     axes: tuple[str, ...]
     sample_time: float
     coverage: StepCoverage = field(default_factory=StepCoverage)
+    repeated: StepCoverage = field(default_factory=StepCoverage)
+
+    def add(self, block: LoopRecord) -> None:
+        first, stop = block.first_step, block.first_step + block.steps
+        if first < self.coverage.stop and self.coverage.missing(first, stop) != [(first, stop)]:
+            self.repeated.add(first, block.steps)
+        self.coverage.add(first, block.steps)
 
 
 class RunTelemetry:
@@ -63,6 +73,8 @@ class RunTelemetry:
         Sample time (s).
     spans : list of (int, int)
         Steps for which there are samples: first step and step after the last of each stretch without a gap.
+    run_ends : RunEnds
+        The ends of all runs of the bag.
     damage : str
         Why the bag cannot be read to its end; empty for a whole one.
 
@@ -82,6 +94,7 @@ class RunTelemetry:
         progress: Progress | None = None,
     ) -> None:
         self.path = path_of("path", path, BagError)
+        self.run_ends = RunEnds()
         self._progress = progress or unseen
         runs = self._survey()
         if run is not None and run not in runs:
@@ -90,6 +103,7 @@ class RunTelemetry:
         survey = runs[self.run]
         self.axes, self.sample_time = survey.axes, survey.sample_time
         self.spans = self._within(survey.coverage.spans, start, end)
+        self._repeated = survey.repeated.spans
 
     @property
     def steps(self) -> int:
@@ -177,7 +191,9 @@ class RunTelemetry:
         for number, message in enumerate(BagApart(self.path).messages(types=[LOOP_SAMPLES])):
             if number % _REPORTED == 0:
                 self._progress("reading", 0, None)
-            self._note(runs, *self._decoded(message))
+            run, block = self._decoded(message)
+            self.run_ends.add(run, message.log_time)
+            self._note(runs, run, block)
         if len(telemetry) > 1:
             raise BagError(f"bag {self.path}: {LOOP_SAMPLES} is on more than one topic: {', '.join(sorted(telemetry))}")
         if not runs:
@@ -198,7 +214,7 @@ class RunTelemetry:
                 f"{', '.join(known.axes)} at {known.sample_time:g} s to {', '.join(block.axes)} at "
                 f"{block.sample_time:g} s"
             )
-        known.coverage.add(block.first_step, block.steps)
+        known.add(block)
 
     def _decoded(self, message: ReadMessage) -> tuple[int, LoopRecord]:
         try:
@@ -245,14 +261,17 @@ class RunTelemetry:
 
     def _blocks(self) -> Iterator[LoopRecord]:
         """Blocks of the run as recorded."""
-        repeated = RepeatedSteps()
+        repeated = RepeatedSamples(self._repeated, len(self.axes))
         for message in BagApart(self.path).messages(types=[LOOP_SAMPLES]):
             run, block = self._decoded(message)
             if run != self.run or not block.steps:
                 continue
-            repeated.add(run, block)
-            if repeated.conflict:
-                raise BagError(f"bag {self.path}: {repeated.conflict}")
+            if repeated.contradict(block):
+                raise BagError(
+                    f"bag {self.path}: telemetry of run {run}: steps {block.first_step} to "
+                    f"{block.first_step + block.steps - 1} came twice with different samples; do two controllers "
+                    "publish it?"
+                )
             yield block
 
 

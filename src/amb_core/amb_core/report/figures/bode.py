@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.units import UM
-from amb_core.identification.frequency_response import LEVEL, FrequencyResponse, normal_quantile
+from amb_core.identification.frequency_response import LEVEL, FrequencyResponse
 from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.drawing import Axis, Band, Curve, Item, Panel, Table
 from amb_core.report.figures.entries import Entry, faint_entries
@@ -227,7 +227,7 @@ class _Diagram:
         for response in self.responses:
             if response.magnitude_deviation is not None:
                 relative = response.magnitude_deviation / np.maximum(response.magnitude, np.finfo(float).tiny)
-                half = 100.0 * normal_quantile(self.level) * float(np.median(relative))
+                half = 100.0 * response.half_width(self.level) * float(np.median(relative))
                 text += f" The {100.0 * self.level:g} % bands of {response.label} are ±{half:.2g} % wide in the median."
         if self.reason:
             first = self.responses[0]

@@ -104,7 +104,7 @@ def identified_model(
     progress("identifying", 0, None)
     result = identify(data, order, controller=controller)
     progress("validating", 0, None)
-    validation, why_not = _validation(result, recording)
+    validation, why_not = _validation(result, recording, run)
     sections = [_model(result, validation)]
     if validation is None:
         sections.append(Section(VALIDATION, [Prose(f"Not possible: {why_not}.")]))
@@ -114,15 +114,16 @@ def identified_model(
         return IdentifiedModel(result, validation, why_not, sections)
     certificate: Certificate | str = f"the data allow no validation of the model: {why_not}"
     if validation is not None:
-        certificate = certificate_of_recording(result, validation, controller, recording.plant_parameters(), progress)
+        plant = recording.plant_parameters(run)
+        certificate = certificate_of_recording(result, validation, controller, plant, progress)
     sections.append(robustness_section(certificate))
     return IdentifiedModel(result, validation, why_not, sections, robustness_badge(certificate))
 
 
-def _validation(result: Identification, recording: Recording) -> tuple[Validation | None, str]:
+def _validation(result: Identification, recording: Recording, run: int) -> tuple[Validation | None, str]:
     """On the data of the estimate; or why it is not possible, as of too few of them."""
     try:
-        return result.validated(recording.plant_parameters()), ""
+        return result.validated(recording.plant_parameters(run)), ""
     except IdentificationError as problem:
         return None, str(problem)
 

@@ -182,7 +182,7 @@ def _experiment(recording: Recording, regions: RecordedRegions) -> TableBlock:
     excitations = [
         f"{item.kind}, steps {item.first_step} to {item.stop - 1}" for item in _excitations(recording, regions.run)
     ]
-    controller = recording.controller_parameters()
+    controller = recording.controller_parameters(regions.run)
     rows = [
         ("run", str(regions.run)),
         ("samples", f"{record.steps}, from step {record.first_step} on"),
@@ -280,7 +280,7 @@ def _identified(
     from amb_core.report.pages.identified_model import identified_model
 
     try:
-        controller = controller or recording.controller()
+        controller = controller or recording.controller(run)
         return identified_model(recording, run, order, controller, progress, entries, certified), ""
     except AmbError as problem:
         return None, str(problem)
