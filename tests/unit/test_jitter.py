@@ -50,6 +50,16 @@ def test_a_node_that_was_started_again_counts_anew() -> None:
     assert (summary["deadlines"], summary["missed"], summary["missed_in_all"]) == (30, 3, 5)
 
 
+def test_a_pace_that_began_anew_in_the_same_node_counts_anew() -> None:
+    """As the simulator's after a run at another real_time_factor."""
+    watch = JitterWatch()
+    watch.note(report(paced(1000, 999)))
+    watch.note(report(paced(20, 2)))
+    watch.note(report(paced(50, 5)))
+    summary = watch.nodes["amb/simulator"].summary()
+    assert (summary["deadlines"], summary["missed"], summary["missed_in_all"]) == (30, 3, 5)
+
+
 def test_the_table_has_a_row_for_each_node() -> None:
     watch = JitterWatch()
     watch.note(report(paced(100, 10)))

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from amb_bringup.client.errors import ClientError
 from amb_bringup.graph.launch_file import NodeProcess, read_launch_file
 from amb_bringup.graph.launcher import Graph, own_domain
 from amb_bringup.graph.packages import LaunchError, find_executable
@@ -323,3 +324,10 @@ def test_two_sessions_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> 
     assert own_domain() == own != given
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     assert own_domain() == 77
+
+
+@pytest.mark.parametrize("given", ["abc", "-1", "233", "7.0"])
+def test_a_domain_that_is_none_is_refused_with_what_is_allowed(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", given)
+    with pytest.raises(ClientError, match=rf"'?ROS_DOMAIN_ID'? = '{given}' is not allowed; allowed: 0 to 232"):
+        own_domain()

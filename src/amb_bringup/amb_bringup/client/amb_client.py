@@ -69,6 +69,8 @@ class AmbClient(LoopCalls):
         AmbError
             If an excitation is wrong, a node fails, the rotor falls, or a target trips; the rotor is landed, the bag
             closed.
+        EndError
+            If that fails: the text says what is left to do.
         ClientError
             If settings are given with several experiments.
         """

@@ -11,8 +11,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
-from amb_bringup.client.errors import ClientError, NoAnswerError
+from amb_bringup.client.errors import ClientError, EndError, NoAnswerError
 from amb_bringup.client.loop_calls import LoopCalls
 from amb_core.excitation import Excitation
 from amb_core.ground.errors import AmbError
@@ -27,6 +28,8 @@ SETTLING = 0.2  # s; the rotor falls to its sag and comes to rest within a few p
 FEWEST_SETTLING_STEPS = 2_000
 RIG_SETTLING = 0.5  # s after levitation, and after each excitation
 APPEARANCE = 3.0  # s in which a running graph is found
+_ENDED = "the session has come to its end"
+"""Note in an error that has left a session, once its end is done."""
 
 
 def settling_steps(sample_rate: float) -> int:
@@ -77,7 +80,15 @@ class ExperimentRun:
 
 
 class Stand(ABC):
-    """Where experiments take place: levitates before the first, lands after the last."""
+    """Where experiments take place: levitates before the first, lands after the last.
+
+    Attributes
+    ----------
+    unlanded : str
+        What an error says whose cause `{}` has kept it from landing.
+    """
+
+    unlanded: ClassVar[str]
 
     def __init__(self, amb: LoopCalls, progress: Progress) -> None:
         self._amb = amb
@@ -124,6 +135,8 @@ class Stand(ABC):
 class SimulatorStand(Stand):
     """The simulator: every experiment is a run of its own from a reset, after the rotor has settled."""
 
+    unlanded = "the simulation is not paused: {}"
+
     def prepare(self) -> None:
         """Nothing: a run begins with its reset."""
 
@@ -156,6 +169,8 @@ class SimulatorStand(Stand):
 
 class RigStand(Stand):
     """The rig behind a hardware bridge: one run from levitation to landing."""
+
+    unlanded = "not landed: {}; look at the rig"
 
     def prepare(self) -> None:
         """Connect to the target, unless that is done; ClientError if another host levitates the rotor."""
@@ -198,12 +213,11 @@ class RigStand(Stand):
         return ExperimentRun(name, started.run, first, steps, time.monotonic() - began)
 
     def land(self) -> tuple[int, int]:
-        """Land a levitated rotor."""
+        """Land a levitated rotor, and call off a levitation that waits; see `Rig.bring_down`."""
         state = self._amb.rig.wait_for_state()
         run = int(state.run)
         self._progress("land", 0, 1)
-        if self._amb.rig.is_up():
-            self._amb.rig.land()
+        self._amb.rig.bring_down()
         self._progress("land", 1, 1)
         return run, int(self._amb.rig.wait_for_state().step)
 
@@ -235,23 +249,58 @@ def landing(stand: Stand, recorded: bool) -> Iterator[None]:
     """Land at the end and close the recording, also after an error or Ctrl-C.
 
     A second Ctrl-C waits until that is done: a rotor is never left levitated by a session that has ended.
+
+    Raises
+    ------
+    EndError
+        If the rotor cannot be landed or the recording not closed, with the error before, if there was one.
     """
     try:
         yield
     except BaseException as problem:
         try:
             _end(stand, recorded)
-        except ClientError as second:
-            raise ClientError(f"{str(problem) or 'interrupted'}; then, at the end: {second}") from problem
+        except EndError as second:
+            raise EndError(f"{str(problem) or 'interrupted'}; then, at the end: {second}") from problem
+        problem.add_note(_ENDED)
         raise
     _end(stand, recorded)
 
 
+def has_ended(problem: BaseException) -> bool:
+    """Whether the session that an error left, or one that led to it, has landed the rotor and closed the recording."""
+    before = problem.__context__
+    return _ENDED in getattr(problem, "__notes__", ()) or (before is not None and has_ended(before))
+
+
 def _end(stand: Stand, recorded: bool) -> None:
-    with interruptions.held_back():
-        run, step = stand.land()
-        if recorded:
-            stand.close_recording(run, step)
+    """Land, and close the recording in every case; EndError with all that is left to do."""
+    left: list[str] = []
+    reached = 0, 0  # whatever the recorder has, if the landing fails
+    try:
+        with interruptions.held_back() as interrupted:
+            try:
+                reached = stand.land()
+            except ClientError as problem:
+                left.append(stand.unlanded.format(problem))
+            finally:
+                if recorded:
+                    left += _close(stand, *reached)
+            if left:
+                interrupted.clear()  # Ctrl-C must not hide what is left to do
+                raise EndError("; ".join(left))
+    except KeyboardInterrupt as later:  # came meanwhile
+        later.add_note(_ENDED)
+        raise
+
+
+def _close(stand: Stand, run: int, step: int) -> list[str]:
+    """Close the recording. Returns why that failed, if it did."""
+    try:
+        stand.close_recording(run, step)
+    except ClientError as problem:
+        return [f"the recording is not closed: {problem}"]
+    return []
 
 
 def carry_out(
@@ -274,6 +323,8 @@ def carry_out(
     ------
     AmbError
         If a node fails, the rotor falls, or the target trips; the rotor is landed and the bag closed before.
+    EndError
+        If that fails, too: the text says what is left to do.
     """
     if not experiments:
         raise ClientError("there is no experiment to carry out; allowed: one or more")

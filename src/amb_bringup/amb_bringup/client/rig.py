@@ -18,7 +18,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from std_srvs.srv import Trigger
 
 from amb_bringup.client.connection import UNKNOWN
-from amb_bringup.client.errors import ClientError
+from amb_bringup.client.errors import ClientError, RefusalError
 from amb_bringup.client.region_calls import RegionCalls
 from amb_msgs.msg import BridgeState, Trip
 from amb_ros import topics
@@ -62,6 +62,7 @@ class Rig:
         self._client = client
         self.state: BridgeState | None = None
         self.trips: list[Trip] = []
+        self._asked_to_levitate = False  # and not landed since
         create_subscription(client.node, BridgeState, topics.BRIDGE_STATE, self._on_state, LATCHED)
         create_subscription(client.node, Trip, topics.TRIP, self.trips.append, EVERY_STATE)
         self._change = client.node.create_client(ChangeState, f"{BRIDGE}/change_state")
@@ -89,6 +90,22 @@ class Rig:
     def land(self) -> None:
         """Land the rotor, also one that is being levitated (transition `deactivate`)."""
         self._transition("deactivate")
+        self._asked_to_levitate = False
+
+    def bring_down(self) -> None:
+        """Land a rotor that this bridge or a request of this client has levitated, or still may.
+
+        While the bridge is inactive, a request to levitate may wait in it, or the rotor be one that it could not land.
+        A rotor that another host levitates is left as it is.
+        """
+        if not (self._asked_to_levitate or self.is_up()):
+            return
+        try:
+            self.land()
+        except RefusalError:
+            if self.wait_for_state().mode not in (BridgeState.OFF, BridgeState.TRIPPED):
+                raise
+            self._asked_to_levitate = False
 
     def off(self) -> None:
         """Switch the currents off at once, in whatever state bridge and target are: the rotor falls."""
@@ -158,6 +175,8 @@ class Rig:
             raise ClientError(f"{BRIDGE} is {present}; {label} is allowed while it is {_ALLOWED_FROM[label]}")
         self._client.wait_until(self._change.service_is_ready, complaint=f"no node {BRIDGE}; is it running?")
         before = self.state.sequence if self.state is not None else 0
+        if label == "activate":
+            self._asked_to_levitate = True  # before it is sent: Ctrl-C may come at any time
         answer = self._change.call_async(ChangeState.Request(transition=Transition(label=label)))
         self._client.wait_until(answer.done, TRANSITION_TIMEOUT, f"no answer from {BRIDGE}/change_state{UNKNOWN}")
         if answer.result().success:
@@ -171,7 +190,9 @@ class Rig:
             REASON_TIMEOUT,
             f"{BRIDGE}: {label} failed; see its log",
         )
-        raise ClientError(f"{BRIDGE}: {self.wait_for_state().problem}")
+        problem = self.wait_for_state().problem
+        kind = RefusalError if f"{label} is not allowed" in problem else ClientError
+        raise kind(f"{BRIDGE}: {problem}")
 
     def _on_state(self, message: BridgeState) -> None:
         self.state = message

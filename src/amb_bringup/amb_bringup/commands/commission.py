@@ -74,14 +74,11 @@ def commission(
     bridge = _bridge(path)
     expected = _expected(path, bridge)
     region_map = RegionMap.load(map_file) if map_file is not None else None
-    make_folder(out)
-    for folder in ("bag", "figures"):
-        shutil.rmtree(out / folder, ignore_errors=True)
-    for name in FILES:
-        (out / name).unlink(missing_ok=True)
     domain = own_domain()
+    make_folder(out)
     arguments = {"params": str(path), "emulator": str(emulator).lower()}
     with own_graph("rig", arguments, domain, RIG_NODES) as (graph, amb):
+        _clear(out)
         confirm = None if yes else _confirm
         session = Session(
             amb, settings, bridge, expected, region_map, confirm, graph.check, lambda step: _show(console, step), wiring
@@ -96,6 +93,14 @@ def commission(
     console.print(f"protocol.html, protocol.json, figures, bag: {out}")
     if session.protocol.failed:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _clear(out: Path) -> None:
+    """Remove the results of an earlier session, and nothing else."""
+    for folder in ("bag", "figures"):
+        shutil.rmtree(out / folder, ignore_errors=True)
+    for name in FILES:
+        (out / name).unlink(missing_ok=True)
 
 
 def _confirm(question: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,30 +43,22 @@ def demo(
     from amb_sim_node.parameters import SimulatorParameters
 
     console = Terminal()
-    check_parameter_file(parameter_file(params))  # a wrong file must not delete the results of an earlier demo
+    check_parameter_file(parameter_file(params))
     path = parameter_file(params).absolute()
     plant = load_parameters(SimulatorParameters, path, "simulator")
     axes = len(machine_of(plant).axes)
     if axes == 2:
         require_two_axes(plant)
+    domain = own_domain()
     make_folder(out)
-    _clear(out)
     with Stages(console) as stages:
         if axes == 2:
-            console_table = _table(run_demo(out, path, own_domain(), stages.update))
+            console_table = _table(run_demo(out, path, domain, stages.update, clear=True))
         else:
-            console_table = _machine_table(run_machine_demo(out, path, own_domain(), stages.update))
+            console_table = _machine_table(run_machine_demo(out, path, domain, stages.update, clear=True))
     console.print(console_table)
     figures = "orbit and response" if axes == 2 else "orbit, response and Bode diagram"
     console.print(f"bag, model.json, summary.json, {figures} as .png and .html: {out}")
-
-
-def _clear(folder: Path) -> None:
-    """Remove the results of a demo, and nothing else."""
-    shutil.rmtree(folder / "bag", ignore_errors=True)
-    figures = [f"{name}.{ending}" for name in ("orbit", "response", "bode") for ending in ("png", "html")]
-    for name in ("model.json", "summary.json", *figures):
-        (folder / name).unlink(missing_ok=True)
 
 
 def _table(summary: DemoSummary) -> Table:

@@ -56,6 +56,7 @@ def experiment(
     units: --amplitude 10um --frequency-end 1kHz. After Ctrl-C, and after an error, the rotor is landed and the bag
     closed.
     """
+    from amb_bringup.client.experiment import has_ended
     from amb_bringup.experiments.experiment_session import GraphChoice, run_session
 
     experiments = _experiments(kind, design, file, given)
@@ -71,8 +72,8 @@ def experiment(
     try:
         with Stages(console, "steps") as stages:
             runs = run_session(experiments, bag, GraphChoice(params, rig, emulator), stages.update)
-    except BaseException:
-        if bag.exists():
+    except BaseException as problem:
+        if has_ended(problem):
             console.print(f"landed; the recording is closed: {bag}", highlight=False)
         raise
     console.print(_table(runs))

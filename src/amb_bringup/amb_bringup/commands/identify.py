@@ -299,10 +299,11 @@ def _save_figures(folder: Path, result: Identification, entries: list[Entry] | N
     from amb_core.report import figures
 
     names = []
-    known = [index for index, item in enumerate(result.data.experiments) if item.reference is not None]
+    simulated = result.data if result.tones is None else result.tones.data
+    known = [index for index, item in enumerate(simulated.experiments) if item.reference is not None]
     for index in known if result.closed_loop_poles is not None else ():
         place = f"experiment_{index + 1}" if len(known) > 1 else ""
-        drawn = figures.save_loop_figures(folder / place, result.data.record(index), result.simulations[index])
+        drawn = figures.save_loop_figures(folder / place, simulated.record(index), result.simulations[index])
         names += [str(Path(place) / name) for name in drawn]
     model = result.model
     highest = 0.5 / model.sample_time

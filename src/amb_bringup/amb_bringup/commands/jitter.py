@@ -47,6 +47,10 @@ class PacedNode:
             "lateness_us": {name: float(self.latest[f"lateness {name} (us)"]) for name in QUANTILES},
         }
 
+    def has_more_than(self, values: Mapping[str, str]) -> bool:
+        """Whether a count of the latest report is above that of another one, of a pace that must have begun later."""
+        return any(int(self.latest[key]) > int(values.get(key, 0)) for key in (f"{self._unit}{PACED}", MISSED))
+
     @property
     def _unit(self) -> str:
         return next(key for key in self.latest if key.endswith(PACED)).removesuffix(PACED)
@@ -61,7 +65,8 @@ class JitterWatch:
     Attributes
     ----------
     nodes : dict of str to PacedNode
-        The nodes that run at a pace, by name. A node that was started again counts from its start.
+        The nodes that run at a pace, by name. A node that was started again counts from its start, and one with another
+        pace, such as a simulator with another real_time_factor, from there.
     """
 
     def __init__(self) -> None:
@@ -76,7 +81,7 @@ class JitterWatch:
             if MISSED not in values:
                 continue
             known = self.nodes.get(status.name)
-            if known is None or known.latest.get(INSTANCE) != values.get(INSTANCE):
+            if known is None or known.latest.get(INSTANCE) != values.get(INSTANCE) or known.has_more_than(values):
                 self.nodes[status.name] = PacedNode(values, values)
             else:
                 known.latest = values

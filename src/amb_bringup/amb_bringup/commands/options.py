@@ -89,7 +89,7 @@ def with_changes(command: Command) -> Command:
     place = next(number for number, item in enumerate(own) if item.name == "params")
     option = inspect.Parameter(CHANGES, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=ChangeOption)
     own.insert(place + 1, option)
-    run.__name__, run.__doc__ = command.__name__, command.__doc__
+    run.__name__, run.__module__, run.__doc__ = command.__name__, command.__module__, command.__doc__
     run.__signature__ = inspect.Signature(own)  # type: ignore[attr-defined]
     run.__annotations__ = {item.name: item.annotation for item in own}
     return run
@@ -153,7 +153,7 @@ def declared_options(
 
         arguments = [item for item in own if _is_argument(item)]
         parameters = [*arguments, *options.values(), *(item for item in own if item not in arguments)]
-        run.__name__, run.__doc__ = command.__name__, command.__doc__
+        run.__name__, run.__module__, run.__doc__ = command.__name__, command.__module__, command.__doc__
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {item.name: item.annotation for item in parameters}
         return run

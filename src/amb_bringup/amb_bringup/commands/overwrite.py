@@ -3,11 +3,15 @@
 A file that a user names must not exist, nor one that a command writes beside it by the same name. A folder must be
 new, empty, or one in which a command has written before, as its file `.amb` shows. The default places in `results`
 belong to the commands.
+
+A command that records removes the folders of its earlier call there, such as its bag: only those that it has made
+itself, as its own file beside them shows.
 """
 
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -17,12 +21,19 @@ import typer
 
 from amb_bringup.commands.options import Command
 from amb_bringup.commands.results import ResultError
-from amb_core.ground.files.regular_files import is_folder, shown
+from amb_core.ground.files.regular_files import is_folder, read_text, shown
 
 PLACES = ("out", "results", "figures", "save_description")
 """Options that name what a command writes."""
 BESIDE = {"report": (".pdf", "pdf"), "ross": (".npz", "")}
 """Commands that write another file beside the one of --out: its ending, and the option that asks for it, if any."""
+REMOVED = {
+    "commission.commission": (("bag", "figures"), "protocol.json", "steps"),
+    "demo.demo": (("bag",), "summary.json", "bit_identical"),
+    "rig.demo": (("bag",), "summary.json", "bag"),
+}
+"""Commands, with their module, that remove folders of their earlier call: which ones, and the JSON file that they write
+beside them, with a name in it that no other command writes there."""
 MARK = ".amb"
 """File in a folder in which a command has written."""
 
@@ -49,11 +60,15 @@ def with_overwrite(command: Command) -> Command:
         if not overwrite:
             for path in [*named, *_beside(command.__name__, values, named)]:
                 refuse_replacement(path)
+            for path in named:
+                _refuse_removal(command, path)
+        before = {path: (_is_free(path), _entries(path)) for path in named}
         try:
             command(**values)
         finally:
-            for path in named:
-                _mark(path)
+            for path, (free, entries) in before.items():
+                if free or _entries(path) != entries:  # else it has written nothing among files of others
+                    _mark(path)
 
     own = [
         item.replace(annotation=hints[item.name], kind=inspect.Parameter.KEYWORD_ONLY)
@@ -71,10 +86,40 @@ def with_overwrite(command: Command) -> Command:
 def refuse_replacement(path: Path) -> None:
     """Refuse a file that exists, and a folder with files that no command has written; ResultError."""
     if is_folder(path):
-        if not (path / MARK).exists() and any(path.iterdir()):
+        if not _is_free(path):
             raise ResultError(f"folder {shown(path)}: has files of others; give a new folder, or --overwrite")
     elif path.exists() and path.suffix:  # a name without an ending is that of a folder, which cannot be made here
         raise ResultError(f"{shown(path)}: exists already; give another name, or --overwrite")
+
+
+def _refuse_removal(command: Command, path: Path) -> None:
+    """Refuse a folder with something to be removed that another command has made, or nobody knows who; ResultError."""
+    folders, name, content = REMOVED.get(f"{command.__module__.rpartition('.')[2]}.{command.__name__}", ((), "", ""))
+    for folder in folders:
+        if (path / folder).exists() and not _has_written(path / name, content):
+            raise ResultError(
+                f"{shown(path / folder)}: was not made by this command; give another folder, or --overwrite"
+            )
+
+
+def _has_written(path: Path, content: str) -> bool:
+    """Whether a JSON file is there, with that name in it."""
+    try:
+        return content in json.loads(read_text(path))
+    except (OSError, ValueError, TypeError):
+        return False
+
+
+def _is_free(path: Path) -> bool:
+    """Whether commands may write in a folder: it is not there, empty, or one in which a command has written before."""
+    return not is_folder(path) or (path / MARK).exists() or not any(path.iterdir())
+
+
+def _entries(path: Path) -> dict[str, int]:
+    """What is in a folder, and when each was changed (ns); nothing if it cannot be read."""
+    with suppress(OSError):
+        return {item.name: item.lstat().st_mtime_ns for item in path.iterdir()}
+    return {}
 
 
 def _beside(command: str, values: Mapping[str, Any], named: list[Path]) -> list[Path]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -147,14 +146,12 @@ def demo(
 
     console = Terminal()
     path = parameter_file(params).absolute()
-    check_parameter_file(path)  # a wrong file must not delete the results of an earlier session
+    check_parameter_file(path)
     require_emulated_target(path)
+    domain = own_domain()
     make_folder(out)
-    shutil.rmtree(out / "bag", ignore_errors=True)
-    for name in ("model.json", "report.html", "summary.json"):
-        (out / name).unlink(missing_ok=True)
     with Stages(console) as stages:
-        summary = run_rig_demo(out, path, own_domain(), stages.update)
+        summary = run_rig_demo(out, path, domain, stages.update, clear=True)
     table = Table("quantity", "value", title=f"A session with an emulated rig: {', '.join(summary.axes)}")
     table.add_row("samples", f"{summary.steps:,}, {summary.lost:,} lost, {summary.doubled:,} doubled")
     table.add_row("control steps that the emulated target missed", f"{summary.missed:,}")

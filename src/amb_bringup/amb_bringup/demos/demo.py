@@ -53,19 +53,23 @@ class DemoSummary:
     processes: int
 
 
-def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> DemoSummary:
+def run_demo(
+    folder: Path, parameter_file: Path, domain_id: int, progress: Progress, clear: bool = False
+) -> DemoSummary:
     """Run the demo and write bag, model.json, summary.json and the figures to a folder.
 
     Parameters
     ----------
     folder : Path
-        Must be empty or not exist.
+        Must be empty or not exist, without `clear`.
     parameter_file : Path
         Parameters of all nodes.
     domain_id : int
         DDS domain in which the graph is started.
     progress : callable
         See `amb_core.ground.progress.Progress`.
+    clear : bool, optional
+        Whether the results of an earlier demo in the folder are removed, once the graph runs.
 
     Raises
     ------
@@ -80,7 +84,7 @@ def run_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progr
         Experiment("square waves", squares),
         Experiment("square waves again", squares),
     ]
-    done = run_graph(experiments, ORDER, folder, parameter_file, domain_id, progress)
+    done = run_graph(experiments, ORDER, folder, parameter_file, domain_id, progress, clear=clear)
     recording, model = done.recording, done.model
     small, first, second = done.runs
     record = recording.telemetry(first)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +23,12 @@ from amb_core.loop.records import LoopRecord
 from amb_core.plant import Plant
 from amb_core.recording import Recording
 from amb_sim_node.parameters import SimulatorParameters
+
+FILES = (
+    "model.json",
+    "summary.json",
+    *(f"{name}.{kind}" for name in ("orbit", "response", "bode") for kind in ("png", "html")),
+)
 
 
 @dataclass(frozen=True)
@@ -57,8 +65,11 @@ def run_graph(
     domain_id: int,
     progress: Progress,
     focus: Focus = "prediction",
+    clear: bool = False,
 ) -> GraphRun:
     """Run experiments over topics, each from a reset, identify from the last one, and record everything.
+
+    With `clear`, results of an earlier demo in the folder are removed once the graph runs.
 
     Raises
     ------
@@ -67,6 +78,8 @@ def run_graph(
     """
     bag = folder / "bag"
     with own_graph("bearing", {"params": str(parameter_file)}, domain_id, timeout=PATIENCE) as (graph, amb):
+        if clear:
+            remove_results(folder, FILES)
         stand = SimulatorStand(amb, progress)
         amb.start_recording(bag)
         with landing(stand, recorded=True):
@@ -79,6 +92,13 @@ def run_graph(
         graph.check()
         processes = len(graph.processes)
     return GraphRun(Recording.read(bag), [item.run for item in done], model, done[-1].end, done[-2].wall, processes)
+
+
+def remove_results(folder: Path, files: Iterable[str]) -> None:
+    """Remove bag and files of an earlier demo, and nothing else."""
+    shutil.rmtree(folder / "bag", ignore_errors=True)
+    for name in files:
+        (folder / name).unlink(missing_ok=True)
 
 
 def plant_of(parameter_file: Path) -> Plant:

@@ -62,7 +62,9 @@ class MachineDemoSummary:
     processes: int
 
 
-def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> MachineDemoSummary:
+def run_machine_demo(
+    folder: Path, parameter_file: Path, domain_id: int, progress: Progress, clear: bool = False
+) -> MachineDemoSummary:
     """Run the demo and write bag, model.json, summary.json and the figures to a folder.
 
     Parameters and errors are those of `amb_bringup.demos.demo.run_demo`.
@@ -74,7 +76,14 @@ def run_machine_demo(folder: Path, parameter_file: Path, domain_id: int, progres
     experiments = [Experiment("orthogonal multisine", excitation), Experiment("the same again", excitation)]
     # Predictions weigh fast errors most; the response below 50 Hz is determined by the simulated loop.
     done = run_graph(
-        experiments, model_order(plant.parameters), folder, parameter_file, domain_id, progress, focus="simulation"
+        experiments,
+        model_order(plant.parameters),
+        folder,
+        parameter_file,
+        domain_id,
+        progress,
+        focus="simulation",
+        clear=clear,
     )
     records = [done.recording.telemetry(run) for run in done.runs]
     reference = _without_ros(plant, controller, excitation, done.steps, progress)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from amb_bringup.client import AmbClient
 from amb_bringup.client.experiment import Experiment, RigStand, landing
-from amb_bringup.demos.demo_run import controller_of, plant_of
+from amb_bringup.demos.demo_run import controller_of, plant_of, remove_results
 from amb_bringup.graph.own_graph import own_graph
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import Excitation, Multisine, Sweep, generate
@@ -42,6 +42,7 @@ MAP = MapSettings(amplitude_low=2e-6, amplitude_high=50e-6, duration=5.0, initia
 """Coarse: enough to see that the excitations stay far below its boundaries."""
 LOUDER = 2.0  # amplitude of the multisine over that of a simulated experiment
 PERIODS = 4
+FILES = ("model.json", "report.html", "summary.json")
 
 
 @dataclass(frozen=True)
@@ -73,19 +74,23 @@ class RigDemoSummary:
     report: str
 
 
-def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: Progress) -> RigDemoSummary:
+def run_rig_demo(
+    folder: Path, parameter_file: Path, domain_id: int, progress: Progress, clear: bool = False
+) -> RigDemoSummary:
     """Run the session and write bag, model.json, report.html and summary.json to a folder.
 
     Parameters
     ----------
     folder : Path
-        Must be empty or not exist.
+        Must be empty or not exist, without `clear`.
     parameter_file : Path
         Parameters of all nodes: its simulator and controller are what the target emulates.
     domain_id : int
         DDS domain in which the graph is started.
     progress : callable
         See `amb_core.ground.progress.Progress`.
+    clear : bool, optional
+        Whether the results of an earlier session in the folder are removed, once the graph runs.
 
     Raises
     ------
@@ -99,6 +104,8 @@ def run_rig_demo(folder: Path, parameter_file: Path, domain_id: int, progress: P
     load = _load_on_a_map(excitations, plant, controller, progress)
     arguments = {"params": str(_unhurried(parameter_file, folder)), "emulator": "true"}
     with own_graph("rig", arguments, domain_id, RIG_NODES) as (graph, amb):
+        if clear:
+            remove_results(folder, FILES)
         highest, stand = _HighestRegion(amb), RigStand(amb, progress)
         stand.prepare()
         bag = amb.start_recording(folder / "bag")

@@ -41,7 +41,7 @@ from amb_core.rig.commissioning import Check, CommissioningSettings, Expected, P
 from amb_core.rig.link.link import LevitatedError
 from amb_msgs.msg import BridgeState
 from amb_msgs.msg import Machine as MachineMessage
-from amb_ros import topics
+from amb_ros import interruptions, topics
 from amb_ros.qos import HISTORY, LATCHED
 from amb_ros.subscriptions import create_subscription
 from amb_sim_node.bridge_parameters import BridgeParameters
@@ -142,10 +142,11 @@ class Session:
             self._step("sweep", "Sweep of each axis in region A", self._sweep, "sweep each axis")
             self._step("identification", "Identify the plant", self._identify, "excite with a multisine")
         finally:
-            self._step("landing", "Land", self._land, always=True)
-            if bag.exists():
-                state = self.amb.rig.wait_for_state()
-                self.amb.stop_recording(int(state.run), int(state.step))
+            with interruptions.held_back():  # a second Ctrl-C waits until the rotor has landed
+                self._step("landing", "Land", self._land, always=True)
+                if bag.exists():
+                    state = self.amb.rig.wait_for_state()
+                    self.amb.stop_recording(int(state.run), int(state.step))
         return self.protocol
 
     def _wire(self) -> None:
@@ -390,8 +391,7 @@ class Session:
                 f"the bridge is not connected, and whether currents flow is not known: {self._currents}; look at the "
                 "rig; then land with amb rig up, amb rig connect and amb rig land, or use the emergency stop"
             )
-        if rig.is_up():
-            rig.land()
+        rig.bring_down()
         self._measured.run = 0
         state = rig.wait_for_state()
         mode = MODES[state.mode]

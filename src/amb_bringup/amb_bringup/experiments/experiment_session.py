@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amb_bringup.client import AmbClient, ClientError
+from amb_bringup.client.errors import EndError
 from amb_bringup.client.experiment import Experiment, ExperimentRun, graph_runs
-from amb_bringup.graph.launcher import own_domain
+from amb_bringup.graph.launcher import Graph, own_domain
 from amb_bringup.graph.node_parameters import require_emulated_target
 from amb_bringup.graph.own_graph import PATIENCE, own_graph
-from amb_bringup.graph.packages import share_folder
+from amb_bringup.graph.packages import LaunchError, share_folder
 from amb_core.excitation.signal import steps_of
 from amb_core.ground.files.parameter_files import NODES, RIG_NODES
 from amb_core.ground.parameters import load_parameters
@@ -95,10 +96,20 @@ def _graph(choice: GraphChoice, experiments: Sequence[Experiment], progress: Pro
         progress("graph", 1, 1)
         try:
             yield amb
-        except ClientError:
-            graph.check()  # a node that has ended is the reason
+        except ClientError as problem:
+            _blame_ended_node(graph, problem)
             raise
         graph.check()
+
+
+def _blame_ended_node(graph: Graph, problem: ClientError) -> None:
+    """Raise the error of a node that has ended, which is the reason of a problem; what is left to do stays in it."""
+    try:
+        graph.check()
+    except LaunchError as reason:
+        if isinstance(problem, EndError):
+            raise EndError(f"{reason}; {problem}") from problem
+        raise
 
 
 def require_playable(experiments: Sequence[Experiment], params: Path | None) -> None:

@@ -45,10 +45,15 @@ def own_domain() -> int:
 
     Raises
     ------
+    ClientError
+        If ROS_DOMAIN_ID is no domain.
     LaunchError
         If all are reserved.
     """
-    given = os.environ.get("ROS_DOMAIN_ID")
+    from amb_bringup.client.connection import DOMAIN, checked_domain  # takes a second to import
+
+    checked_domain(None)
+    given = os.environ.get(DOMAIN)
     return int(given) if given else _reservation()[0]
 
 
