@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from amb_bringup.cli import app
-from amb_core.data.experiments.checks import Severity
+from amb_core.data.experiments.checks import Severity, check_amount
 from amb_core.data.experiments.checks import check_excitation as identification_check
 from amb_core.designs.excitation import (
     Limits,
@@ -67,6 +67,16 @@ def test_design_and_identification_agree_on_the_order(bench: TrialBench, frequen
     data = IdentificationData.from_record(record)
     assert identification_check(data, order).severity < Severity.ERROR
     assert order == HIGHEST_ORDER or identification_check(data, order + 2).severity is Severity.ERROR
+
+
+@pytest.mark.parametrize("steps", [60, 200])
+def test_no_order_is_promised_for_which_the_samples_are_too_few(steps: int) -> None:
+    current, position = np.random.default_rng(1).normal(size=(2, steps, 2))
+    excited = excited_order(current, position, 1.0 / RATE)
+    data = IdentificationData.from_arrays(current, position, 1.0 / RATE)
+    assert check_amount(data, excited.order).severity < Severity.ERROR
+    assert check_amount(data, excited.order + 1).severity is Severity.ERROR
+    assert str(excited) == f"up to {excited.order}"
 
 
 # -- trials

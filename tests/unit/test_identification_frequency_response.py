@@ -57,6 +57,15 @@ def test_bands_hold_their_share_of_a_normal_distribution() -> None:
     assert high - low == pytest.approx(2.0 * 1.95996 * 0.05, rel=1e-4)
 
 
+def test_bands_of_few_terms_hold_their_share_of_students_distribution() -> None:
+    few, many = measured(free_terms=3.0), measured(free_terms=1e9)
+    low, high = few.magnitude_band(0.99)
+    assert np.log(high / 2.0) == pytest.approx(3.7074 * 0.05, rel=1e-4)  # 6 degrees of freedom
+    assert np.log(2.0 / low) == pytest.approx(3.7074 * 0.05, rel=1e-4)
+    assert few.phase_band(0.95)[1] - np.pi == pytest.approx(2.4469 * 0.05, rel=1e-4)
+    assert many.half_width(0.99) == pytest.approx(measured().half_width(0.99))
+
+
 def test_an_unknown_response_has_wide_but_harmless_bands() -> None:
     unknown = measured(magnitude_deviation=np.full((3, 2, 2), 1e9), phase_deviation=np.full((3, 2, 2), 1e9))
     low, high = unknown.magnitude_band()
@@ -106,3 +115,9 @@ def test_parts_that_do_not_fit_are_refused() -> None:
         measured(input_units=("A",))
     with pytest.raises(IdentificationError, match=r"a confidence of 1\.0 is not allowed"):
         measured().magnitude_band(1.0)
+
+
+@pytest.mark.parametrize("terms", [0.0, np.nan, np.inf])
+def test_no_positive_number_of_free_terms_is_refused(terms: float) -> None:
+    with pytest.raises(IdentificationError, match=r"'free_terms' = .* is not allowed; allowed: more than 0, finite"):
+        measured(free_terms=terms)

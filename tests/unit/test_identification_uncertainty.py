@@ -276,6 +276,13 @@ def test_repeated_experiments_scatter_as_predicted(colour: float) -> None:
         assert ratios[False].min() < 0.55  # far too sure of itself
 
 
+def test_samples_that_leave_no_freedom_are_refused() -> None:
+    """Of 3 states, 2 inputs and 2 outputs: 18 parameters, 3 initial states and 2 constants need 23 values."""
+    model = small_model(3)
+    with pytest.raises(IdentificationError, match="11 samples are too few for the 23 unknowns of order 3"):
+        estimate_uncertainty(model, simulated(model, 500).window(0, 11))
+
+
 def test_what_does_not_suit_is_refused(bearing: LinearBearing) -> None:
     model = small_model(3)
     data = simulated(model, 500)
@@ -285,7 +292,7 @@ def test_what_does_not_suit_is_refused(bearing: LinearBearing) -> None:
         estimate_uncertainty(model, replace(data, sample_time=1e-3))
     with pytest.raises(IdentificationError, match="2 inputs and 2 outputs, the data 1 and 2"):
         estimate_uncertainty(model, data.select(inputs=["u1"]))
-    with pytest.raises(IdentificationError, match="9 samples are too few for the 21 unknowns"):
+    with pytest.raises(IdentificationError, match="9 samples are too few for the 23 unknowns"):
         estimate_uncertainty(model, data.window(0, 9))
     with pytest.raises(IdentificationError, match="the data do not determine how accurate the model of order 3 is"):
         estimate_uncertainty(replace(model, innovation_covariance=np.zeros((2, 2))), data)

@@ -53,6 +53,16 @@ def test_several_files_give_one_model_with_numbers_and_figures(
     assert not caplog.records, "figures drawn without complaint"
 
 
+def test_figures_show_the_fit_without_the_tones_that_were_removed(bearing, tmp_path: Path) -> None:
+    band = {"amplitude": 5e-6, "frequency_start": 2.0, "frequency_end": 2_000.0, "axes": "all"}
+    turning = bearing.experiment(2e-8, kind="multisine", force=0.1, drift="runout", **band)
+    write_data(IdentificationData.from_record(turning, source="turning"), tmp_path / "turning.npz")
+    run(tmp_path / "turning.npz", "--order", 6, "--out", tmp_path / "run")
+    fit = json.loads((tmp_path / "run" / "summary.json").read_text())["fit"]
+    page = (tmp_path / "run" / "response.html").read_text()
+    assert all(f"{axis}: fit of the model {value:.1f} %" in page for axis, value in fit.items())
+
+
 def test_warnings_are_shown_with_their_advice(bearing, tmp_path: Path) -> None:
     record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
     data = IdentificationData.from_record(record).window(0, 250)

@@ -271,3 +271,12 @@ def test_an_unstable_predictor_gets_the_gain_of_the_kalman_filter(bearing: Linea
     assert np.abs(np.linalg.eigvals(weak.a - weak.k @ weak.c)).max() > 1.0
     model = reduce_balanced(weak, 5).model
     assert np.abs(np.linalg.eigvals(model.a - model.k @ model.c)).max() < 1.0
+
+
+@pytest.mark.parametrize("lacks", [{"k": np.zeros((10, 2))}, {"innovation_covariance": np.zeros((2, 2))}])
+def test_a_model_without_a_noise_model_is_reduced_without_one(bearing: LinearBearing, lacks: dict) -> None:
+    full = replace(with_more_states(bearing), innovation_covariance=np.eye(2))
+    plant = replace(full, **({"k": np.full((10, 2), 1e-3)} | lacks))  # with an unstable predictor
+    reduction = reduce_balanced(plant, 5)
+    assert reduction.model.unstable_poles() == pytest.approx(plant.unstable_poles(), rel=1e-7)
+    assert bool(np.any(reduction.model.k)) == bool(np.any(plant.k))

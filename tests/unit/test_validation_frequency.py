@@ -17,6 +17,7 @@ from amb_core.identification.uncertainty import estimate_uncertainty
 from amb_core.identification.validation import compare_responses
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, linearize
+from tests.linear_process import LinearProcess
 
 NOISE, FORCE = 2e-8, 0.1  # m, N: rms on sensors and rotor
 GAIN = np.array([[1.5, 0.4], [-0.3, 2.0]])
@@ -83,6 +84,20 @@ def test_deviations_are_those_of_the_errors() -> None:
         assert np.mean(np.concatenate(ratios) < estimate.largest_error(0.99)) == pytest.approx(0.99, abs=0.01)
 
 
+def test_bands_hold_the_true_response_with_their_confidence() -> None:
+    """Averages over 8 periods leave 6 free terms: bands of a normal distribution would hold 97.6 %."""
+    inside = []
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        repeated = [np.tile(random.normal(size=(1_000, 2)), (5, 1)) for _ in range(2)]
+        parts = [noise_experiment(reference, 100 * axis + seed, noise=0.02) for axis, reference in enumerate(repeated)]
+        response = estimate_response(merge(parts)).response
+        low, high = response.magnitude_band(0.99)
+        true = np.abs(true_response(response.frequency))
+        inside.append(((low < true) & (true < high)).ravel())
+    assert np.concatenate(inside).mean() == pytest.approx(0.99, abs=0.004)
+
+
 def test_one_periodic_signal_on_both_axes_at_once_needs_neighbouring_frequencies() -> None:
     """Its lines give one equation for two columns; random phases from line to line give the second."""
     random = np.random.default_rng(1)
@@ -104,6 +119,27 @@ def test_two_experiments_tell_apart_what_one_cannot() -> None:
     data = merge([noise_experiment(same * [1.0, 1.0], 1), noise_experiment(same * [1.0, -1.0], 2)])
     estimate = estimate_response(data)
     assert np.median(np.abs(estimate.response.response - true_response(estimate.response.frequency))) < 0.05
+
+
+@pytest.mark.parametrize("inputs", [3, 8, 10])
+def test_bands_hold_terms_enough_for_any_number_of_inputs(inputs: int) -> None:
+    process = LinearProcess(inputs, 2)
+    estimate = estimate_response(process.data(20_000), open_loop=True)
+    assert estimate.free_terms >= 5.9
+    error = estimate.response.response - response_of(process.model, estimate.response.frequency).response
+    assert np.mean(np.abs(error) ** 2 < 1.5 * estimate.largest_error(0.99) * estimate.variance) > 0.95
+
+
+def test_bands_of_two_references_stay_as_narrow_as_they_were() -> None:
+    estimate = estimate_response(noise_experiment(np.random.default_rng(1).normal(size=(8_000, 2))))
+    assert estimate.response.label == "smoothed over 2 Hz, Hann window"
+
+
+def test_data_too_short_for_so_many_inputs_are_told() -> None:
+    inputs = np.random.default_rng(1).normal(size=(600, 300))
+    data = IdentificationData.from_arrays(inputs, inputs[:, :1], 1e-3)
+    with pytest.raises(IdentificationError, match="600 samples are too few for 300 inputs; record longer"):
+        estimate_response(data, open_loop=True)
 
 
 def test_where_the_reference_has_no_power_nothing_is_claimed() -> None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from amb_core.data.controller_choice import with_shown_limit
 from amb_core.data.experiments import Finding, IdentificationData, Severity
 from amb_core.ground.errors import AmbError
+from amb_core.identification.controller_limit import named_at_limit, shares_at_limit
 from amb_core.identification.controller_trials import (
     FOREIGN,
     SAME_GAIN,
@@ -54,20 +55,15 @@ def check_controller(data: IdentificationData, controller: KnownController | Non
     -------
     Finding
         Of the check `controller`: a warning with the difference if another law fits far better, or if more than
-        `FOREIGN` of the currents is unexplained.
+        `FOREIGN` of the currents is unexplained. The limit of a PD law is compared too, where it is known.
     """
     if controller is None:
         return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: no controller is known")
     controller = with_shown_limit(controller, data)
-    worst = _worst(data, controller)
-    if isinstance(worst, str):
-        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {worst}")
-    share, index, record, shares = worst
-    if share <= EXACT:
-        return Finding("controller", Severity.INFO, "it computes the recorded currents from the recorded positions")
-    wrong = [name for name, value in zip(data.input_names, shares, strict=True) if value > max(EXACT, 0.1 * share)]
-    span = f"steps {record.first_step} to {record.first_step + record.steps - 1} of experiment {index}"
-    return _difference(controller, record, share, f"{', '.join(wrong)}, {span}", data)
+    finding = _below_limit(data, controller)
+    if not _fits(finding) or isinstance(controller, LinearControl):
+        return finding
+    return _at_limit(data, controller) or finding
 
 
 def added_constant(data: IdentificationData, controller: KnownController) -> NDArray[np.float64] | None:
@@ -85,22 +81,66 @@ def added_constant(data: IdentificationData, controller: KnownController) -> NDA
     ndarray, shape (axes,), or None
         The constant of each current (A), the same in all experiments; None where there is none, or other differences.
     """
-    if check_controller(data, controller).severity is Severity.INFO:
+    if _below_limit(data, controller).severity is Severity.INFO:
         return None
     worst = _worst(data, with_shown_limit(controller, data))
     if isinstance(worst, str):
         return None
     constant = constant_left(controller, worst[2])
     without = tuple(replace(item, inputs=item.inputs - constant) for item in data.experiments)
-    left = check_controller(replace(data, experiments=without), controller)
-    return constant if left.severity is Severity.INFO and not left.what.startswith(NOT_CHECKED) else None
+    return constant if _fits(_below_limit(replace(data, experiments=without), controller)) else None
+
+
+def _fits(finding: Finding) -> bool:
+    """Whether currents were compared, and nothing is wrong with the controller."""
+    return finding.severity is Severity.INFO and not finding.what.startswith(NOT_CHECKED)
+
+
+def _below_limit(data: IdentificationData, controller: KnownController) -> Finding:
+    """The finding from the samples below the limit."""
+    controller = with_shown_limit(controller, data)
+    worst = _worst(data, controller)
+    if isinstance(worst, str):
+        return Finding("controller", Severity.INFO, f"{NOT_CHECKED}: {worst}")
+    share, index, record, shares = worst
+    if share <= EXACT:
+        return Finding("controller", Severity.INFO, "it computes the recorded currents from the recorded positions")
+    return _difference(controller, record, share, _where(data, index, record, shares), data)
+
+
+def _at_limit(data: IdentificationData, controller: ControllerParameters) -> Finding | None:
+    """The finding from the samples at the limit, for a law that computes the others; None if it computes these too."""
+    records = ((index, liveliest(data.record(index), SAMPLES)) for index in _with_reference(data))
+    compared = [(index, record, shares_at_limit(controller, record)) for index, record in records if _finite(record)]
+    index, record, shares = max(compared, key=lambda item: float(item[2].max()))
+    share = float(shares.max())
+    trial = named_at_limit(controller, record, shares) if share > 0.0 else None
+    if trial is None and share <= FOREIGN:
+        return None
+    return _finding(controller, trial, share, _where(data, index, record, shares), data)
+
+
+def _where(data: IdentificationData, index: int, record: LoopRecord, shares: NDArray[np.float64]) -> str:
+    """The currents that are not explained, and the samples that were compared."""
+    least = max(EXACT, 0.1 * float(np.nanmax(shares)))
+    wrong = [name for name, value in zip(data.input_names, shares, strict=True) if value > least]
+    span = f"steps {record.first_step} to {record.first_step + record.steps - 1} of experiment {index}"
+    return f"{', '.join(wrong)}, {span}"
+
+
+def _with_reference(data: IdentificationData) -> list[int]:
+    return [index for index, item in enumerate(data.experiments) if item.reference is not None]
+
+
+def _finite(record: LoopRecord) -> bool:
+    return bool(np.isfinite(record.current).all() and np.isfinite(record.position).all())
 
 
 def _worst(
     data: IdentificationData, controller: KnownController
 ) -> tuple[float, int, LoopRecord, NDArray[np.float64]] | str:
     """Part of the currents that is unexplained where it is largest, experiment, record and parts; or why not."""
-    known = [index for index, item in enumerate(data.experiments) if item.reference is not None]
+    known = _with_reference(data)
     if not known:
         return "the data have no reference"
     compared = []
@@ -109,7 +149,7 @@ def _worst(
             record = liveliest(data.record(index), SAMPLES)
         except AmbError as problem:
             return str(problem)
-        if np.isfinite(record.current).all() and np.isfinite(record.position).all():
+        if _finite(record):
             with np.errstate(over="ignore", invalid="ignore"):  # of a loop that diverged
                 shares = given_shares(controller, record)
             if np.isfinite(shares).any():
@@ -122,18 +162,24 @@ def _worst(
 def _difference(
     controller: KnownController, record: LoopRecord, share: float, where: str, data: IdentificationData
 ) -> Finding:
-    """The finding for a controller that leaves a share of the currents unexplained."""
+    """The finding for a controller that leaves a share of the currents below their limit unexplained."""
+    return _finding(controller, named(controller, record, share), share, where, data)
+
+
+def _finding(
+    controller: KnownController, trial: Trial | None, share: float, where: str, data: IdentificationData
+) -> Finding:
+    """The finding for a controller that leaves a share of the currents unexplained, and the law that explains them."""
     what = f"the controller does not compute {100.0 * share:.2g} % (rms) of the recorded currents from the positions"
-    trial = named(controller, record, share)
-    if trial is None and share > FOREIGN:
+    differences = [] if trial is None else _differences(controller, trial, data)
+    if trial is None or not differences:
+        if share <= FOREIGN:
+            return Finding("controller", Severity.INFO, what, where)
         return Finding(
             "controller", Severity.WARNING, what, where,
             "no other gains, sign, derivative, order of the axes or shift of the currents fits either: give the "
             "controller of this experiment, and signals that it received and returned",
         )  # fmt: skip
-    differences = [] if trial is None else _differences(controller, trial, data)
-    if trial is None or not differences:
-        return Finding("controller", Severity.INFO, what, where)
     left = f"but for {100.0 * trial.worst:.2g} % with {'; '.join(text for text, _ in differences)}"
     advice = "; ".join(dict.fromkeys(advice for _, advice in differences))
     return Finding("controller", Severity.WARNING, f"{what}, {left}", where, advice)
@@ -145,6 +191,7 @@ def _differences(controller: KnownController, trial: Trial, data: Identification
         *_axis_differences(trial, data),
         *_time_differences(controller, trial),
         *_derivative_differences(controller, trial),
+        *_limit_differences(controller, trial),
         *_gain_differences(controller, trial, data.input_names),
     ]
 
@@ -197,7 +244,18 @@ def _derivative_differences(controller: KnownController, trial: Trial) -> Iterat
         )
 
 
+def _limit_differences(controller: KnownController, trial: Trial) -> Iterator[Difference]:
+    """Another limit of the currents."""
+    if trial.limits:
+        ends = " and ".join(dict.fromkeys(f"{limit:.3g} A" for limit in trial.limits))
+        yield (
+            f"another limit: the currents end at {ends}, the controller's is {controller.current_limit:g} A",
+            "give the controller with the current_limit of this experiment",
+        )
+
+
 def _gain_differences(controller: KnownController, trial: Trial, names: tuple[str, ...]) -> Iterator[Difference]:
+    """The sign, other gains, or a constant."""
     gains = trial.gains
     signs = np.sign(gains).min(axis=1), np.sign(gains).max(axis=1)
     reversed_sign = signs[1] < 0.0
@@ -206,7 +264,7 @@ def _gain_differences(controller: KnownController, trial: Trial, names: tuple[st
         yield f"the sign of {wrong} reversed", f"reverse the sign of {wrong}, or of the positions"
     gains = np.where(reversed_sign[:, np.newaxis], -gains, gains)
     other = np.abs(gains - 1.0).max(axis=1) > SAME_GAIN
-    if other.any():
+    if other.any() and trial.worst <= FOREIGN:  # those of a law that explains less would be made up
         text = ", ".join(
             f"{name} {_gains_of(controller, len(names), trial.source[axis], gains[axis])}"
             for axis, name in enumerate(names)

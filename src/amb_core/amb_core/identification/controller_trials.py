@@ -26,14 +26,16 @@ SAME_GAIN = 0.02
 """Relative difference of gains that is not worth a warning."""
 SAMPLES = 10_000
 """Of a record that are compared."""
-_BETTER = 0.2  # of the remainder: what another law may leave to be named
+BETTER = 0.2
+"""Of the remainder: what another law may leave to be named."""
+TOPS = 3
+"""Samples at the largest magnitude that make it a limit."""
 _ALIKE = 2.0  # ratio of remainders up to which the simpler of two laws is taken
 _SHIFTS = (0, 1, -1, 2, -2)  # samples
 _RATES = (0.5, 2.0)  # times the sample rate of the data
 _FILTERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # time constants of the derivative's filter (samples)
 _WINDOW = 2_000  # of them for a law with a state, which is found from them
 _BELOW = 0.99  # of the limit: measured currents stay a little below it
-_TOPS = 3  # samples at the largest magnitude that make it a limit
 _GROWTH = 1e6  # largest growth of an unstable law over the window
 _STILL = 1e-9  # of its size: a column that varies less is constant
 
@@ -54,6 +56,7 @@ class Trial:
     rate: float = 1.0
     position: tuple[int, ...] = ()  # axis whose position it uses; empty: its own
     reversed_position: tuple[bool, ...] = ()
+    limits: tuple[float, ...] = ()  # where currents end that have another limit, A
 
     @property
     def worst(self) -> float:
@@ -79,9 +82,9 @@ def given_shares(controller: KnownController, record: LoopRecord) -> Arrays:
             unlimited = controller.parameters.model_copy(update={"current_limit": math.inf})
             controller = replace(controller, parameters=unlimited)
         return unexplained(controller, part)
-    left = _left_by_gains(controller, record)
+    left = left_by_gains(controller, record)
     first = record.steps - len(left)
-    return _share(left, record.current[first:], _free(record, controller.current_limit)[first:])
+    return _share(left, record.current[first:], free_samples(record, controller.current_limit)[first:])
 
 
 def constant_left(controller: KnownController, record: LoopRecord) -> Arrays:
@@ -89,11 +92,21 @@ def constant_left(controller: KnownController, record: LoopRecord) -> Arrays:
     if isinstance(controller, LinearControl):
         trial = named(controller, record, float(np.nanmax(given_shares(controller, record))))
         return np.zeros(len(record.axes)) if trial is None else trial.offset
-    return np.asarray(np.median(_left_by_gains(controller, record), axis=0))
+    return np.asarray(np.median(left_by_gains(controller, record), axis=0))
 
 
-def _left_by_gains(controller: ControllerParameters, record: LoopRecord) -> Arrays:
-    """What the PD law leaves of the currents (A), from the first sample for which the past does not matter."""
+def left_by_gains(controller: ControllerParameters, record: LoopRecord) -> Arrays:
+    """What the PD law without its limit leaves of the currents (A), shape (rows, axes).
+
+    The rows are the last of the record, from the first for which the past of the derivative does not matter.
+
+    Parameters
+    ----------
+    controller : ControllerParameters
+        The law.
+    record : LoopRecord
+        References, positions and currents.
+    """
     gains = pack_gains(controller, record.position.shape[1])
     error, derived, first = _pd_columns(record, gains[0, 2], gains[0, 3], controller.derivative_on == "error")
     return np.asarray(record.current[first:] - gains[:, 0] * error[first:] - gains[:, 1] * derived[first:])
@@ -104,18 +117,18 @@ def _share(left: Arrays, current: Arrays, free: NDArray[np.bool_]) -> Arrays:
     shares = np.full(current.shape[1], np.nan)
     for axis in range(current.shape[1]):
         own = current[free[:, axis], axis]
-        if len(own) > _TOPS and (moved := float(own.std())) > 1e-9 * float(np.abs(own).max()):
+        if len(own) > TOPS and (moved := float(own.std())) > 1e-9 * float(np.abs(own).max()):
             shares[axis] = float(np.sqrt(np.mean(left[free[:, axis], axis] ** 2))) / moved
     return shares
 
 
-def _free(record: LoopRecord, limit: float) -> NDArray[np.bool_]:
-    """Samples below the limit, whether it is the controller's or shows as a flat top."""
+def free_samples(record: LoopRecord, limit: float) -> NDArray[np.bool_]:
+    """Samples below the limit (A), whether it is the controller's or shows as a flat top; shape (steps, axes)."""
     size = np.abs(record.current)
     if size.max() > 1.01 * limit:  # the currents, or their units, are of another controller
         limit = math.inf
     top = size.max(axis=0) * (1.0 - 1e-9)
-    flat = np.count_nonzero(size >= top, axis=0) >= _TOPS
+    flat = np.count_nonzero(size >= top, axis=0) >= TOPS
     return size < np.where(flat, np.minimum(top, _BELOW * limit), _BELOW * limit)
 
 
@@ -131,7 +144,8 @@ def _pd_columns(record: LoopRecord, keep: float, weight: float, on_error: bool) 
 
 
 def named(controller: KnownController, record: LoopRecord, share: float) -> Trial | None:
-    """The simplest law that leaves a fraction of what the given one leaves; None if there is none."""
+    """The simplest law that leaves a fraction of what the given one leaves, and of the currents; None if none does."""
+    least = BETTER * min(share, 1.0)  # gains near zero leave all of a current, which is less than wrong ones leave
     if isinstance(controller, LinearControl):
         trials = list(_linear_trials(controller, record))
     else:
@@ -140,10 +154,10 @@ def named(controller: KnownController, record: LoopRecord, share: float) -> Tria
             *_rate_trials(controller, record),
             *_position_trials(controller, record),
         ]
-        if min(trial.worst for trial in trials) > _BETTER * share:
+        if min(trial.worst for trial in trials) > least:
             trials += _filtered_trials(controller, record)
     best = min(trial.worst for trial in trials)
-    if best > _BETTER * share:
+    if best > least:
         return None
     alike = [trial for trial in trials if trial.worst <= max(_ALIKE * best, 1e-9)]
     return next((trial for trial in alike if trial.rate != 1.0), alike[0])
@@ -160,7 +174,7 @@ def _pd_trials(
     gains = pack_gains(controller, axes)
     time = controller.derivative_filter if math.isnan(filter_time) else filter_time
     weight, given = 1.0 / (time + sample_time), controller.derivative_on == "error"
-    free = _free(record, controller.current_limit)
+    free = free_samples(record, controller.current_limit)
     for shift, other in itertools.product(shifts, (False, True)):
         error, derived, first = _pd_columns(record, time * weight, weight, given != other)
         columns = [np.column_stack([error[:, axis], derived[:, axis]]) for axis in range(axes)]
@@ -211,7 +225,7 @@ def _of_axis(controller: ControllerParameters, record: LoopRecord, axis: int, ot
     own = LoopRecord(record.first_step, record.sample_time, reference, position, current, record.axes[axis : axis + 1])
     on_error = (controller.derivative_on == "error") != other
     error, derived, first = _pd_columns(own, gains[0, 2], gains[0, 3], on_error)
-    free = _free(own, controller.current_limit)
+    free = free_samples(own, controller.current_limit)
     return _best_sources(own, [np.hstack([error, derived])], gains[:, :2], free, 0, first)
 
 
@@ -250,7 +264,7 @@ def _linear_trials(controller: LinearControl, record: LoopRecord) -> Iterator[Tr
             forced[step + 1] = law.a @ forced[step] + driven[step]
     output = forced @ law.c.T + inputs @ law.d.T + law.output_offset
     columns = [np.column_stack([output[:, axis], shown[:, axis]]) for axis in range(axes)]
-    free = _free(part, controller.current_limit)
+    free = free_samples(part, controller.current_limit)
     for shift in _SHIFTS:
         yield _best_sources(part, columns, np.ones((axes, 1)), free, shift, 0)
 

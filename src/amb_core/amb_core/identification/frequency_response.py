@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.ground.given_values import numbers, require_kind
@@ -42,11 +42,15 @@ class FrequencyResponse:
         Squared multiple coherence of each output with the excitation of the loop, 0 to 1 (-). None if not known.
     input_names, output_names, input_units, output_units : tuple of str
         Names and units of the signals.
+    free_terms : float or None
+        Independent complex terms from which the deviations are estimated, minus those that the response itself uses
+        (-). None if the deviations are known, as those of a model.
 
     Raises
     ------
     IdentificationError
-        If shapes do not fit together, the frequencies do not ascend or a value is not finite.
+        If shapes do not fit together, the frequencies do not ascend, a value is not finite or `free_terms` not
+        positive.
     """
 
     frequency: NDArray[np.float64]
@@ -59,6 +63,7 @@ class FrequencyResponse:
     output_names: tuple[str, ...] = ("x", "y")
     input_units: tuple[str, ...] = ("A", "A")
     output_units: tuple[str, ...] = ("m", "m")
+    free_terms: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequency", checked_frequencies(self.frequency))
@@ -73,6 +78,10 @@ class FrequencyResponse:
             self._freeze("coherence", (f, p), np.float64)
         if len(self.input_units) != m or len(self.output_units) != p:
             raise IdentificationError(f"{m} inputs and {p} outputs need as many units")
+        if self.free_terms is not None and not 0.0 < self.free_terms < np.inf:
+            raise IdentificationError(
+                f"'free_terms' = {self.free_terms} is not allowed; allowed: more than 0, finite, or None"
+            )
 
     @property
     def magnitude(self) -> NDArray[np.float64]:
@@ -84,10 +93,29 @@ class FrequencyResponse:
         """Phase (rad), -pi to pi at the first frequency and continuous above it, shape (f, p, m)."""
         return np.unwrap(np.angle(self.response), axis=0)
 
+    def half_width(self, level: float = LEVEL) -> float:
+        """Half the width of a band at a confidence, in standard deviations (-).
+
+        That of a normal distribution; if the deviations are estimated from few terms, that of Student's t with the
+        degrees of freedom of their real and imaginary parts.
+
+        Parameters
+        ----------
+        level : float, optional
+            Confidence of the band (-), between 0 and 1.
+
+        Returns
+        -------
+        float
+            The half width (-).
+        """
+        normal = normal_quantile(level)
+        return normal if self.free_terms is None else float(stdtrit(2.0 * self.free_terms, 0.5 + 0.5 * level))
+
     def magnitude_band(self, level: float = LEVEL) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Lower and upper end of the magnitude at a confidence, shape (f, p, m); None where the deviation is unknown.
 
-        The logarithm of the magnitude is taken as normally distributed, so the lower end is positive.
+        The band is symmetric about the logarithm of the magnitude, so the lower end is positive.
 
         Parameters
         ----------
@@ -103,7 +131,7 @@ class FrequencyResponse:
             return None
         magnitude = np.maximum(self.magnitude, np.finfo(float).tiny)
         with np.errstate(over="ignore"):  # if the response is not known at all
-            factor = np.exp(normal_quantile(level) * self.magnitude_deviation / magnitude)
+            factor = np.exp(self.half_width(level) * self.magnitude_deviation / magnitude)
         return magnitude / factor, magnitude * factor
 
     def phase_band(self, level: float = LEVEL) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -123,7 +151,7 @@ class FrequencyResponse:
         """
         if self.phase_deviation is None:
             return None
-        half = np.minimum(normal_quantile(level) * self.phase_deviation, np.pi)
+        half = np.minimum(self.half_width(level) * self.phase_deviation, np.pi)
         return self.phase - half, self.phase + half
 
     def _freeze(self, name: str, shape: tuple[int, ...], kind: type[np.generic]) -> None:

@@ -61,8 +61,8 @@ class Identification(Result):
         How accurately the data determine the model, for `pem` with prediction focus. None otherwise, or if the data do
         not determine it. See `uncertainty_of` for what makes its bands wider.
     simulations : tuple of (LoopRecord or None)
-        The model in closed loop with the known controller, for each experiment; None where the reference is not known
-        or the simulation diverges.
+        The model in closed loop with the known controller, for each experiment, to be compared with the data without
+        the tones of `tones`; None where the reference is not known or the simulation diverges.
     closed_loop_poles : ndarray of complex, shape (n + c,), or None
         Poles in the z plane (-) of model and controller, largest magnitude first; None for data that do not come from
         the bearing's loop.

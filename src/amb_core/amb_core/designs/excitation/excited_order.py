@@ -1,9 +1,9 @@
 """The model order that a signal determines, as `amb identify` decides it.
 
 Identification accepts a model of n states if the recorded inputs, the control currents, are persistently exciting of a
-sufficient order (`amb_core.data.experiments.checks`). So the same check is made here, on the control currents of a
-simulation. The number of lines in the reference is no substitute: without noise, currents of a narrow band are so
-smooth at the sample rate that their lags are nearly collinear, however many lines they have.
+sufficient order, and the samples suffice (`amb_core.data.experiments.checks`). So the same checks are made here, on the
+control currents of a simulation. The number of lines in the reference is no substitute: without noise, currents of a
+narrow band are so smooth at the sample rate that their lags are nearly collinear, however many lines they have.
 
 Source: L. Ljung, System Identification, 2nd ed., Prentice Hall 1999, section 13.2.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.data.experiments import IdentificationData
-from amb_core.data.experiments.checks import highest_excited_order
+from amb_core.data.experiments.checks import Severity, check_amount, highest_excited_order
 
 HIGHEST_ORDER = 20
 
@@ -61,4 +61,7 @@ def excited_order(
     """
     tried = max(HIGHEST_ORDER, model_order or 0)
     data = IdentificationData.from_arrays(current, position, sample_time)
-    return ExcitedOrder(highest_excited_order(data, tried), tried)
+    order = highest_excited_order(data, tried)
+    while order and check_amount(data, order).severity is Severity.ERROR:
+        order -= 1
+    return ExcitedOrder(order, tried)

@@ -80,7 +80,7 @@ NAMES: dict[str, tuple[str, str]] = {
     "onsets": ("s", "time by region from the release of the rotor"),
     "input_frequency": ("Hz", "frequency of the excitation"),
     "shares": ("-", "share by region, of time or of power"),
-    "not_judged": ("-", "share of the updates without a test for B, by axis; axes without one for D; in words"),
+    "not_judged": ("-", "shares of the updates without a test for B and C, by axis; axes without one for D; in words"),
     "share": ("-", "share of the power"),
     "gaps": ("-", "spans of steps without usable samples"),
     "frozen": ("-", "positions that stay the same while their axis moves, with the steps"),

@@ -52,7 +52,8 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
     """Reduce a model to an order by balanced truncation of the stable part of its deterministic part.
 
     Kalman gain and initial state are transformed into the remaining coordinates. If the predictor is then unstable, the
-    gain is that of the Kalman filter for the same noise.
+    gain is that of the Kalman filter for the same noise. A model without noise, as a file of A, B, C and D gives one,
+    remains without a stable predictor: its K is zero, or its innovation covariance not positive definite.
 
     Parameters
     ----------
@@ -82,7 +83,7 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
         )
     into, out_of = into[:order], out_of[:, :order]
     a, c, k = into @ model.a @ out_of, model.c @ out_of, into @ model.k
-    if np.max(np.abs(np.linalg.eigvals(a - k @ c))) >= 1.0:
+    if _has_noise(model) and np.max(np.abs(np.linalg.eigvals(a - k @ c))) >= 1.0:
         k = filter_gain(a, c, k, model.innovation_covariance)
     reduced = replace(
         model,
@@ -97,6 +98,15 @@ def reduce_balanced(model: StateSpaceModel, order: int) -> Reduction:
         undecided=(),
     )
     return Reduction(reduced, values, unstable, 2.0 * float(values[order - unstable :].sum()))
+
+
+def _has_noise(model: StateSpaceModel) -> bool:
+    """Whether the model describes noise, from which a Kalman gain follows."""
+    try:
+        np.linalg.cholesky(model.innovation_covariance)
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.any(model.k))
 
 
 def _balanced(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from amb_core.identification.nonparametric.by_references import ByReferences, Signals, from_sums
 
-_LINES_PER_BAND = 16
+_FEWEST_LINES = 16  # of a band
+_FREE_TERMS = 6.0  # of the noise in a band, from which the deviations are known well enough
 _MOST_BANDS = 2_000
 _HANN_CORRELATION = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)  # of neighbouring lines: fewer are independent
 
@@ -17,7 +19,9 @@ _HANN_CORRELATION = 1.0 + 2.0 * ((2.0 / 3.0) ** 2 + (1.0 / 6.0) ** 2)  # of neig
 def over_bands(experiments: Sequence[Signals], sample_time: float) -> ByReferences:
     """Responses from sums over neighbouring frequencies of all experiments, in bands of one width."""
     total = sum(len(item.inputs) for item in experiments) * sample_time
-    bands = int(min(0.5 / sample_time * total / _LINES_PER_BAND, _MOST_BANDS))
+    references = experiments[0].references.shape[1]
+    lines = max(_FEWEST_LINES, math.ceil(_HANN_CORRELATION * (references + _FREE_TERMS)))
+    bands = max(1, int(min(0.5 / sample_time * total / lines, _MOST_BANDS)))
     width = 0.5 / sample_time / bands
     size = experiments[0].all.shape[1]
     sums, terms = np.zeros((bands, size, size), dtype=np.complex128), 0.0
@@ -33,5 +37,4 @@ def over_bands(experiments: Sequence[Signals], sample_time: float) -> ByReferenc
         terms += width * steps * sample_time
     terms /= _HANN_CORRELATION
     method = f"smoothed over {width:.3g} Hz, Hann window"
-    references = experiments[0].references.shape[1]
     return from_sums(width * np.linspace(0.5, bands - 0.5, bands), sums, terms, references, method)

@@ -172,7 +172,12 @@ def _estimate(
         raise IdentificationError(
             f"the frequency response is not determined: {m} inputs need as many references, there are {references}"
         )
-    if not len(by_references.frequency) or by_references.free_terms < 1.0:
+    if by_references.free_terms < 1.0:
+        raise IdentificationError(
+            f"the frequency response is not determined: {data.samples} samples are too few for {references} "
+            f"{'inputs' if open_loop else 'references'}; record longer"
+        )
+    if not len(by_references.frequency):
         raise IdentificationError(
             f"the frequency response is not determined: the {'inputs' if open_loop else 'references of the axes'} are "
             "not independent; excite the axes one after the other, by different signals, or in several experiments"
@@ -200,6 +205,7 @@ def _estimate(
             data.output_names,
             data.input_units,
             data.output_units,
+            by_references.free_terms,
         ),
         variance,
         by_references.free_terms,

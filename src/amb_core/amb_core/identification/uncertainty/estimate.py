@@ -163,8 +163,9 @@ def _check(model: StateSpaceModel, data: IdentificationData) -> None:
     radius = float(np.max(np.abs(np.linalg.eigvals(model.a - model.k @ model.c))))
     if not radius < 1.0:
         raise IdentificationError(f"the model must have a stable predictor; its spectral radius is {radius:.6g}")
-    unknowns = model.order * (len(data.experiments) + 2 * len(model.output_names) + len(model.input_names))
-    unknowns += model.d.size if np.any(model.d) else 0
+    m, p, parts = len(model.input_names), len(model.output_names), len(data.experiments)
+    unknowns = model.order * (2 * p + m) + (model.d.size if np.any(model.d) else 0)
+    unknowns += (model.order + p) * parts  # initial states and constants
     if data.samples * len(model.output_names) <= unknowns:
         raise IdentificationError(
             f"{data.samples} samples are too few for the {unknowns} unknowns of order {model.order}"

@@ -66,8 +66,8 @@ class StateSpaceModel(LinearSystem):
     samples : int
         Number of samples it was identified from.
     fit : ndarray, shape (p,) or (0,)
-        Closed-loop NRMSE fit with the known controller on the data (percent); -inf if the closed loop of the model
-        diverges, empty if the model has not been validated.
+        Closed-loop NRMSE fit with the known controller on the data, without the tones that were removed (percent); -inf
+        if the closed loop of the model diverges, empty if the model has not been validated.
     input_units, output_units : tuple of str
         Units of inputs and outputs; empty for all inputs in A, all outputs in m.
     fingerprint : ndarray, shape (f,)
