@@ -1,6 +1,7 @@
 """Campbell diagram: branches and critical speeds against closed forms, its figure, and the commands of modes."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_core.ground.errors import PlantError
+from amb_core.ground.parameters import validate
 from amb_core.linear.model.modes import Mode, Modes
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import ModalData, PlantParameters
@@ -43,7 +45,7 @@ def closed_form(speeds: np.ndarray) -> Campbell:
             mode(backward, BACKWARD, "backward", "precession"),
             mode(TRANSLATING, TRANSLATION, "planar", "translation"),
         )
-        loops.append(Modes(tuple(sorted(modes, key=lambda item: abs(item.rate))), OUTPUTS))
+        loops.append(Modes(tuple(sorted(modes, key=lambda item: abs(item.rate))), OUTPUTS, np.zeros(0)))
     return Campbell(speeds, tuple(loops), tuple(loops))
 
 
@@ -82,6 +84,41 @@ def test_the_figure_marks_whirl_critical_speeds_and_identified_modes(diagram):
     assert "2700 rpm" in chart.alt
     assert plot(diagram).title == "Campbell diagram"
     assert chart.figure().axes
+
+
+def test_speeds_are_added_where_modes_move_too_far_to_be_followed():
+    """A disc of I_p / I_t = 0.48 and steps of 5000 rpm; 100 speeds up to 15000 rpm have these critical speeds."""
+    disc = {"rotor.model": "rigid", "rotor.gravity": 0.0, "rigid_rotor.polar_inertia": 0.12}
+    given = np.linspace(0.0, 15_000.0, 4) / 60.0
+    steps: list[tuple[str, int, int | None]] = []
+    found = campbell(validate(PlantParameters, disc), ControllerParameters(), given, lambda *step: steps.append(step))
+    assert [item.kind for item in found.critical_speeds] == ["precession", "translation", "translation", "nutation"]
+    np.testing.assert_allclose([item.rpm for item in found.critical_speeds], [2794, 3265, 3265, 4927], rtol=0.01)
+    assert set(given) < set(found.speed)
+    assert len(found.speed) < 30
+    assert not found.gaps
+    assert steps[3] == ("modes", 4, 4)
+
+
+def test_a_crossing_that_no_branch_has_is_reported():
+    """From 10 to 400 Hz the precession falls, and the nutation rises, by more than a branch may."""
+    coarse = closed_form(np.array([0.0, 10.0, 400.0]))
+    assert coarse.gaps == ((10.0, 400.0),)
+    words = "between 600 and 24000 rpm the modes cannot be followed: take more speeds"
+    assert coarse.remarks == (words,)
+    assert coarse.to_json()["not_followed_rpm"] == [[600.0, 24000.0]]
+    assert words in campbell_chart(coarse).alt
+    fine = closed_form(np.linspace(0.0, 120.0, 25))
+    assert fine.gaps == ()
+    assert fine.to_json()["not_followed_rpm"] == []
+
+
+def test_a_mode_whose_gain_becomes_too_small_is_no_gap():
+    loops = []
+    for gain in (0.011, 0.009):
+        fading = replace(mode(TRANSLATING, TRANSLATION, "planar", "translation"), gain=gain)
+        loops.append(Modes((fading,), OUTPUTS, np.zeros(0)))
+    assert Campbell(np.array([10.0, 20.0]), tuple(loops), tuple(loops)).gaps == ()
 
 
 @pytest.mark.parametrize("speeds", [[], [10.0, 5.0], [1.0, 1.0]])
@@ -125,6 +162,16 @@ def test_command_prints_the_modes_of_loop_and_plant():
     table = CliRunner().invoke(app, arguments, env={"COLUMNS": "160"}).stdout
     assert "nutation" in table
     assert "6000 rpm" in table
+
+
+def test_a_loop_that_alternates_at_half_the_sample_rate_is_called_unstable(tmp_path):
+    """1 kHz and far too much derivative gain: the unstable pole is real and beyond -1, so no mode shows it."""
+    unstable = ["--set", "integration.sample_rate=1000", "--set", "controller.derivative_gain=1500"]
+    arguments = ["plant", "campbell", *unstable, "--speeds", "2", "--out", str(tmp_path)]
+    assert "the loop is unstable at some of the speeds" in CliRunner().invoke(app, arguments).output
+    assert not json.loads((tmp_path / "campbell.json").read_text())["stable"]
+    table = CliRunner().invoke(app, ["plant", "modes", *unstable], env={"COLUMNS": "160"}).stdout
+    assert "poles beyond half the sample rate, unstable" in table
 
 
 def test_command_writes_the_modes_of_a_shaft(tmp_path):

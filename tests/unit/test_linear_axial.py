@@ -12,7 +12,7 @@ from amb_core.linear.simulation import simulate as simulate_linear
 from amb_core.loop.control import ControllerParameters, PdController
 from amb_core.plant import Linearization, Plant, PlantParameters, linearize
 from amb_core.plant.simulation import simulate
-from amb_core.plant.thrust_bearing import half_order
+from amb_core.plant.thrust_bearing import half_order, thrust_amplifier
 
 RIG = {"rotor.model": "rigid", "rotor.axial": True}
 
@@ -87,6 +87,22 @@ def test_a_constant_force_moves_the_equilibrium_and_an_alternating_one_does_not(
     assert settled == pytest.approx(point.position, rel=0.06)  # it creeps: half order
     alternating = {"rotor.external_force_z": 100.0, "rotor.external_force_frequency": 50.0}
     assert linearize(plant(**alternating), controller()).axial_point.position == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("dead_time", [0.0, 1e-6])
+def test_bipolar_amplifiers_hold_with_a_negative_coil_current(dead_time):
+    """Without integral part the control error makes the voltage that the resistance and the dead time take."""
+    bipolar = {"amplifier.switching": False, "amplifier.limits": False, "amplifier.unipolar": False}
+    pushed = {"rotor.external_force_z": -1000.0, "thrust_bearing.integral_gain": 0.0, "amplifier.dead_time": dead_time}
+    held = plant(**bipolar, **pushed)
+    point = linearize(held, controller(proportional_gain=200e3, current_limit=50.0)).axial_point
+    amplifier, current = thrust_amplifier(held.parameters), point.coil_current[1]
+    assert current < -0.1
+    error = amplifier.bias_current - point.current_reference - current
+    voltage = held.parameters.thrust_bearing.coil_resistance * current
+    lost = dead_time * amplifier.switching_frequency
+    driven = 2.0 * amplifier.supply_voltage * (amplifier.proportional_gain * error + lost)
+    assert driven == pytest.approx(voltage, rel=1e-9)
 
 
 def test_a_nominal_reference_of_z_is_where_it_is_held():

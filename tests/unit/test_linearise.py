@@ -28,6 +28,7 @@ from amb_core.plant.rigid_mode import rigid_pair
 from amb_core.plant.simulation import simulate
 
 AVERAGED = AmplifierParameters(switching=False)
+AMPLIFIER_OF_BOTH_SIGNS = AmplifierParameters(switching=False, limits=False, unipolar=False)
 WITHOUT_GRAVITY = RotorParameters(gravity=0.0)
 MASS = 6.25
 CENTRE = np.zeros(2)
@@ -228,6 +229,18 @@ def test_amplifier_without_integral_part_has_no_such_states():
     model = linearize(plant)
     assert not [name for name in model.continuous.state_names if name.startswith("integral")]
     assert np.abs(AveragedPlant(plant).derivative(model.point.state, model.point.current_reference)).max() < 1e-8
+
+
+@pytest.mark.parametrize("integral_gain", [0.0, 0.01])
+@pytest.mark.parametrize("dead_time", [0.0, 1e-6])
+def test_bipolar_amplifiers_are_at_rest_with_a_negative_coil_current(integral_gain, dead_time):
+    amplifier = AMPLIFIER_OF_BOTH_SIGNS.model_copy(update={"integral_gain": integral_gain, "dead_time": dead_time})
+    circuit = MagneticCircuitParameters(coil_resistance=5.0)
+    plant = Plant(PlantParameters(amplifier=amplifier, magnetic_circuit=circuit, rotor=RotorParameters(mass=18.0)))
+    point = linearize(plant, ControllerParameters(proportional_gain=4e4, current_limit=50.0)).point
+    averaged = AveragedPlant(plant)
+    assert averaged.currents(point.state, point.current_reference).min() < -0.1
+    assert np.abs(averaged.derivative(point.state, point.current_reference)).max() < 1e-8
 
 
 def test_a_given_position_is_held_by_the_currents_found():

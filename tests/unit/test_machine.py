@@ -7,10 +7,12 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from amb_core.ground.errors import MachineError
-from amb_core.loop.machine import MOST_AXES, Machine
+from amb_core.loop.machine import MOST_AXES, Machine, radial_bearings
+from amb_core.loop.records import LoopRecord
 from amb_core.plant import PlantParameters, RotorParameters
 from amb_core.plant.machine import machine_of
 from amb_core.recording.messages.machine import fill_machine, machine_from_message
@@ -33,6 +35,25 @@ def test_a_machine_whose_positions_are_not_known_equals_another_description_of_i
     assert first == second
     assert hash(first) == hash(second)
     assert first != RIG
+
+
+@pytest.mark.parametrize(
+    ("axes", "planes"),
+    [
+        (("x_a", "x_b", "y_a", "y_b"), [("x_a", "y_a"), ("x_b", "y_b")]),
+        (("z", "x", "y"), [("x", "y")]),
+        (("first", "second", "third"), []),
+        (("first", "second"), [("first", "second")]),
+    ],
+)
+def test_the_axes_of_a_radial_bearing_are_those_of_one_name(
+    axes: tuple[str, ...], planes: list[tuple[str, str]]
+) -> None:
+    columns = np.tile(np.arange(float(len(axes))), (3, 1))
+    found = radial_bearings(LoopRecord(0, 1e-4, columns, columns, columns, axes))
+    assert [plane.axes for plane in found] == planes
+    for plane in found:
+        assert [axes[int(column)] for column in plane.position[0]] == list(plane.axes)
 
 
 def test_a_message_holds_all_of_it() -> None:

@@ -192,6 +192,16 @@ def test_negative_stiffness_has_real_modes_alone_and_oscillating_ones_in_the_loo
     assert [mode.whirl for mode in loop.modes] == ["planar", "planar"]
 
 
+@pytest.mark.parametrize("pole", [-1.5, -1.0, -0.9])
+def test_a_pole_without_a_mode_decides_on_stability_too(pole):
+    """A negative real pole alternates at half the sample rate: no mode of the samples shows it."""
+    one = np.eye(1)
+    modes = modes_of(LinearSystem(np.diag([0.5, pole]), np.ones((2, 1)), np.ones((1, 2)), 0.0 * one, SAMPLE_TIME))
+    assert len(modes.modes) == 1
+    assert modes.stable == modes.selected().stable == (pole > -1.0)
+    assert modes.unstable_without_mode == (pole <= -1.0)
+
+
 def test_a_table_in_json_has_a_row_per_mode():
     entries = on_springs(rigid(200.0)).to_json()
     nutation = next(entry for entry in entries if entry["kind"] == "nutation")

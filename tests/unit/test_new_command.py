@@ -85,6 +85,24 @@ def test_without_a_terminal_the_missing_options_are_named(tmp_path: Path) -> Non
         amb("new", tmp_path / "no.yaml", "--gap", "0.4mm")
 
 
+def test_a_refused_file_leaves_the_one_of_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text("before\n")
+    monkeypatch.setattr("amb_bringup.commands.new.parameter_file_of", lambda _: "/amb/simulator: 3\n")
+    with pytest.raises(AmbError):
+        amb("new", file, *options(), "--overwrite")
+    assert file.read_text() == "before\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
+
+
+def test_a_chart_of_axes_with_gains_of_their_own_says_whose_it_is(tmp_path: Path) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text("/amb/pd_controller:\n  ros__parameters: {derivative_gains: [38.0, 0.5]}\n")
+    said = amb("tune", "chart", file, "--points", "8", "--out", tmp_path / "tune")
+    assert "the axes have gains of their own; the chart has those of x on all" in said
+    assert "unstable" in said
+
+
 def test_a_bearing_that_cannot_levitate_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(AmbError, match="static load beyond the force"):
         amb("new", tmp_path / "no.yaml", *options(mass="400kg"))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from amb_core.designs.tuning.pd_gains import ENOUGH, choose_gains
+from amb_core.designs.tuning.pd_gains import ENOUGH, choose_gains, held_at_centre
 from amb_core.ground.errors import PlantError
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import (
@@ -49,6 +49,15 @@ def test_a_rotor_too_heavy_for_the_current_limit_is_refused():
     plant = Plant(PlantParameters(rotor=RotorParameters(mass=30.0)))
     with pytest.raises(PlantError, match=r"in the centre needs a control current of 4\.\d+ A; allowed: less than"):
         choose_gains(plant)
+
+
+def test_a_nominal_reference_beyond_its_range_is_refused():
+    """A soft controller: the current that carries the rotor takes more than the 1 mm that a reference may be."""
+    plant = Plant()
+    soft = ControllerParameters(proportional_gain=500.0)
+    model = linearize(plant, ControllerParameters(), np.zeros(2))
+    with pytest.raises(PlantError, match=r"takes a nominal reference of 1\.9.* mm with K_P = 500 A/m; allowed: 1 mm"):
+        held_at_centre(plant, model, soft)
 
 
 def test_gains_of_single_axes_are_replaced():

@@ -183,6 +183,19 @@ def test_a_whole_sample_of_delay_is_the_command_of_the_sample_before():
         assert late.advance((now, -now)) == prompt.advance((before, -before))
 
 
+@pytest.mark.parametrize("part", ["radial", "axial"])
+def test_a_rotor_that_touches_before_the_late_currents_and_recedes_ends_the_run(part):
+    """At 250 um: 2 um beyond when the new currents begin, half a sample late, and 2 um inside at the end."""
+    converters = ConverterParameters(computation_delay=0.5)
+    plant = Plant(PlantParameters(converters=converters, rotor=RotorParameters(axial=part == "axial", gravity=0.0)))
+    state = plant._arrays.bearings[0] if part == "radial" else plant.axial._state[0]
+    for name, value in (("position", 254e-6), ("velocity", -0.08)):
+        state[name] = (value, 0.0) if part == "radial" else value
+    position = plant.advance(np.zeros(len(plant.machine.axes)))
+    assert max(position) < 250e-6
+    assert plant.delevitated
+
+
 def test_measured_positions_lie_on_the_grid_of_their_converter():
     resolution = 30e-9
     plant = Plant(PlantParameters(converters=ConverterParameters(position_resolution=resolution)))

@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 
 from amb_bringup.cli import app
 from amb_core.ground.errors import AmbError, ParameterError, PlantError
+from amb_core.ground.parameters import validate
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant import Plant, PlantParameters, RotorParameters
 from amb_core.rig.running_speeds import SpeedSettings, SpeedTask, identify_over_speeds
+from amb_core.rig.running_speeds.speed_run import run_speed
 
 CONFIG = Path(__file__).parents[2] / "src" / "amb_bringup" / "config"
 POINT_MASS = PlantParameters(rotor=RotorParameters(gravity=0.0))
@@ -45,6 +47,15 @@ def test_a_model_survives_the_cache_without_loss():
     assert np.array_equal(kept.fit, model.fit)
     with pytest.raises(ValueError, match="expected the fields"):
         SpeedTask.from_json({})
+
+
+def test_few_samples_give_a_model_of_the_order_that_they_determine():
+    """80 samples: order 6 of a point mass takes 84."""
+    plant = validate(PlantParameters, {"rotor.gravity": 0.0, "integration.sample_rate": 2000.0})
+    controller = ControllerParameters(sample_rate=2000.0, derivative_gain=45.0)
+    settings = SpeedSettings(period=0.02, periods=1, frequency_start=50.0)
+    assert settings.model_order(plant) == 6
+    assert 1 <= run_speed(SpeedTask(settings, plant, controller)).order < 6
 
 
 def test_tasks_differ_by_running_speed_alone():

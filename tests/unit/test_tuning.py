@@ -334,6 +334,24 @@ def test_numbers_that_make_no_bearing_are_refused(change: dict[str, float], prob
         validate(Bearing, {**SMALL.model_dump(), **change})
 
 
+def test_switching_slower_than_the_controller_is_refused() -> None:
+    slow = {**SMALL.model_dump(), "sample_rate": 50e3, "switching_frequency": 10e3}
+    with pytest.raises(ParameterError, match="switching_frequency = 10000 Hz must be at least sample_rate = 50000 Hz"):
+        validate(Bearing, slow)
+
+
+@pytest.mark.parametrize(("rate", "used"), [(95e3, 950e3), (1e6 / 11.0, 1e6), (1e6 / 49.0, 1e6), (1e5, 1e6)])
+def test_the_fastest_switching_is_of_whole_periods_within_its_range(rate: float, used: float) -> None:
+    bearing = SMALL.model_copy(update={"sample_rate": rate, "switching_frequency": 1e6})
+    assert plant_of(bearing).amplifier.switching_frequency == pytest.approx(used)
+
+
+def test_another_switching_frequency_than_the_given_one_is_named(design: BearingDesign) -> None:
+    assert not any("switching frequency is" in remark for remark in design.remarks)
+    odd = design_bearing(SMALL.model_copy(update={"sample_rate": 12e3, "switching_frequency": 20e3}))
+    assert "the switching frequency is 24000 Hz instead of 20000 Hz: whole periods in a sample" in odd.remarks
+
+
 def test_slow_switching_and_odd_rates_make_a_plant() -> None:
     plant = plant_of(SMALL.model_copy(update={"sample_rate": 12e3, "switching_frequency": 20e3}))
     assert plant.amplifier.switching_frequency == 24e3
@@ -352,6 +370,20 @@ def test_a_chart_has_the_peaks_of_the_loops_that_its_gains_make(model: str) -> N
     assert best.stable
     # the chart has 66 frequencies in a decade
     assert chart.peak[row, column] == pytest.approx(best.peak_sensitivity, rel=5e-3)
+
+
+@pytest.mark.parametrize("derivative", [4.0, 0.5])
+def test_the_peak_of_a_chart_is_that_of_the_given_controller_with_gains_of_its_axes(derivative: float) -> None:
+    own = ControllerParameters(proportional_gains=(20e3, 15e3), derivative_gains=(38.0, derivative))
+    chart = stability_chart(PlantParameters(), own, points=8)
+    loop = linearize(Plant(), own, np.zeros(2))
+    assert chart.chosen_peak == pytest.approx(loop.peak_sensitivity if loop.stable else np.inf)
+    assert chart.chosen_peak > 10.0
+    assert not chart.alike
+    assert (chart.axis, *chart.chosen) == ("x", 20e3, 38.0)
+    figure = stability_figure(chart)
+    assert not any(getattr(item, "label", "").startswith("chosen") for item in figure.panels[0].items)
+    assert "The axes have gains of their own" in figure.alt
 
 
 def test_the_figure_shows_the_lines_and_the_chosen_gains() -> None:

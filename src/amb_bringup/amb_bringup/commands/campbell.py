@@ -81,6 +81,8 @@ def campbell(
     for result in diagram.results:
         if result.problem:
             console.print(f"{result.rpm:.0f} rpm: no model: {result.problem}", style="yellow", soft_wrap=True)
+    for remark in diagram.computed.remarks:
+        console.print(remark, style="yellow", soft_wrap=True)
     if not diagram.computed.stable:
         console.print("the computed loop is unstable at some of the speeds", style="yellow")
     console.print(f"campbell.png, campbell.html, modes.csv, summary.json, models: {out}", soft_wrap=True)

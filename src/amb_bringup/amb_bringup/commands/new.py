@@ -12,7 +12,7 @@ from rich.console import Console
 
 from amb_bringup.commands.options import declared_options
 from amb_bringup.commands.progress import working
-from amb_bringup.commands.results import ResultError, make_place
+from amb_bringup.commands.results import ResultError, make_place, new_file
 from amb_bringup.commands.terminal import Terminal, say
 from amb_bringup.commands.tune import gains_table
 from amb_bringup.graph.node_parameters import check_parameter_file
@@ -48,11 +48,9 @@ def new(
     console = Terminal()
     with working(console, "searching gains, simulating the lift-off"):
         design = design_bearing(bearing)
-    try:
-        out.write_text(parameter_file_of(design))
-    except OSError as problem:
-        raise ResultError(f"{out}: cannot be written: {problem.strerror}") from None
-    check_parameter_file(out)
+    with new_file(out, overwrite) as part:
+        part.write_text(parameter_file_of(design))
+        check_parameter_file(part)
     _show(console, design, out)
 
 
@@ -107,7 +105,7 @@ def _show(console: Console, design: BearingDesign, out: Path) -> None:
     table.add_row("largest control current while it rises", f"{design.lift_off.largest_current:.3g} A of {limit:.3g} A")
     table.add_row("simulated lift-off", f"at rest in the centre after {1e3 * design.lift_off.time:.0f} ms")
     console.print(table)
-    for remark in sizing.remarks:
+    for remark in design.remarks:
         console.print(f"note: {remark}", highlight=False)
     console.print(f"written to {out}; next:", highlight=False)
     highest = min(HIGHEST_FREQUENCY, BELOW_NYQUIST * design.tuned.controller.sample_rate)

@@ -58,6 +58,8 @@ def modes_table(modes: Modes, title: str) -> Table:
             *shape,
         )
     table.caption = "shape: displacement @ phase in degrees, the largest is 1"
+    if modes.unstable_without_mode:
+        table.caption += f"\n{modes.unstable_without_mode} poles beyond half the sample rate, unstable"
     return table
 
 
@@ -83,6 +85,8 @@ def campbell(
     write_json(out / "campbell.json", diagram.to_json())
     image, page = campbell_chart(diagram).save(out, "campbell")
     console.print(_critical(diagram))
+    for remark in diagram.remarks:
+        console.print(remark, style="yellow", soft_wrap=True)
     if not diagram.stable:
         console.print("the loop is unstable at some of the speeds", style="yellow")
     for path in (image, page, out / "campbell.json"):

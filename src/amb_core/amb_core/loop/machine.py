@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from amb_core.ground.errors import MachineError, bounded
 from amb_core.ground.given_values import kind_of, number, require_kind
+from amb_core.linear.model.whirl import sensor_planes
 from amb_core.loop.records import LoopRecord, axis_names
 
 MOST_AXES = 16  # and bearings
@@ -161,10 +162,14 @@ def _require_tuple(name: str, items: object, kind: type) -> None:
 
 
 def radial_bearings(record: LoopRecord) -> list[LoopRecord]:
-    """The samples of each radial bearing, two axes each; those of a thrust bearing, or of one axis, are left out."""
+    """The samples of each radial bearing, two axes each, which are a pair by name: x and y, or x_a and y_a.
+
+    An axis without a partner, as that of a thrust bearing, is left out. Two axes are those of one bearing, whatever
+    their names.
+    """
     if len(record.axes) == 2:
         return [record]
-    pairs = [slice(first, first + 2) for first in range(0, len(record.axes) - 1, 2)]
+    pairs = [[plane.x, plane.y] for plane in sensor_planes(record.axes)]
     return [
         LoopRecord(
             record.first_step,
@@ -172,7 +177,7 @@ def radial_bearings(record: LoopRecord) -> list[LoopRecord]:
             record.reference[:, pair],
             record.position[:, pair],
             record.current[:, pair],
-            record.axes[pair],
+            tuple(record.axes[column] for column in pair),
         )
         for pair in pairs
     ]

@@ -14,7 +14,8 @@ i_x, 0, i_max) (i_0 - i_x for -x, i_y likewise), supply voltage U and the networ
 with a constant external force f, which acts at bearing A of a rotor in two.
 
 With eddy currents, part of a coil current follows its voltage at once (M has a block from V to i), so V and i are
-solved together. If the current of a unipolar coil would be negative, its voltage is the one that keeps it zero.
+solved together. If the current of a unipolar coil would be negative, its voltage is the one that keeps it zero. Dead
+time takes a part of the duty from a positive current, and adds as much to that of a negative one.
 
 Iron with hysteresis is represented by its single-valued curve. If the plant has no eddy currents, a thousandth of them
 remains, so that all fluxes have rates. Sensors, alternating forces and backup bearings are not part of these equations.
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 
 from amb_core.plant.magnetostatics import RINGS
 from amb_core.plant.network import COIL_AXES, COILS, POLES, active_coils, flux_constraints
+from amb_core.plant.parameters import AmplifierParameters
 from amb_core.plant.plant import Plant
 
 _SWEEPS = 200
@@ -173,15 +175,10 @@ class AveragedPlant:
         for bearing in range(self.plant.bearings):
             current = coil_references(current_reference[2 * bearing : 2 * bearing + 2], self.plant)
             if amplifier.integral_gain > 0.0:
-                state[self.integral[bearing]] = resistance * current / (2.0 * amplifier.supply_voltage) + _lost_duty(
-                    self.plant
-                )
-            else:  # then a control error remains, which makes the voltage across the resistance
-                gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
-                offset = 2.0 * amplifier.supply_voltage * _lost_duty(self.plant)
-                current = (
-                    np.maximum(current * gain - offset, 0.0) / (gain + resistance) if gain > 0.0 else 0.0 * current
-                )
+                lost = np.where(current < 0.0, -1.0, 1.0) * _lost_duty(self.plant)
+                state[self.integral[bearing]] = resistance * current / (2.0 * amplifier.supply_voltage) + lost
+            else:
+                current = currents_without_integral(current, amplifier, resistance)
             self._magnetise(state, bearing, current, journals)
         return state
 
@@ -246,8 +243,9 @@ class AveragedPlant:
         offset = state[self.integral[bearing]] - _lost_duty(self.plant)
         demand = gain * coil_references(current_reference, self.plant) + 2.0 * supply * offset
         lowest, highest = (supply * (2.0 * (duty - _lost_duty(self.plant)) - 1.0) for duty in _duty_limits(self.plant))
-        # V = demand - gain (flux_current + conductance V) inside the limits. With limits and diodes V minimises a
-        # convex function whose kinks belong to single coils, so solving coil by coil finds it (Gauss-Seidel).
+        # V = demand - gain (flux_current + conductance V) inside the limits. With limits, diodes and dead time V
+        # minimises a convex function whose kinks belong to single coils, so solving coil by coil finds it
+        # (Gauss-Seidel).
         voltage = np.asarray(
             np.linalg.solve(np.eye(COILS) + gain * conductance, demand - gain * flux_current), dtype=np.float64
         )
@@ -258,8 +256,12 @@ class AveragedPlant:
                 others = flux_current[coil] + conductance[coil] @ voltage - own * voltage[coil]
                 wanted = (demand[coil] - gain * others) / (1.0 + gain * own)
                 voltage[coil] = min(max(wanted, lowest), highest)
-                if amplifier.unipolar and others + own * voltage[coil] < 0.0:
-                    voltage[coil] = -others / own
+                if others + own * voltage[coil] < 0.0:
+                    blocked = -others / own
+                    # A negative current gains what dead time takes from a positive one, unless that makes it positive.
+                    gained = 4.0 * supply * _lost_duty(self.plant)
+                    reversed_ = min(max(wanted + gained / (1.0 + gain * own), lowest + gained), highest + gained)
+                    voltage[coil] = blocked if amplifier.unipolar else min(reversed_, blocked)
             if np.abs(voltage - before).max() <= _VOLTAGE_TOLERANCE:
                 break
         return voltage, flux_current + conductance @ voltage
@@ -274,6 +276,35 @@ def coil_references(current_reference: NDArray[np.float64], plant: Plant) -> NDA
     active = np.zeros(COILS)
     active[list(active_coils(plant.parameters.magnetic_circuit))] = 1.0
     return active * references
+
+
+def currents_without_integral(
+    references: NDArray[np.float64], amplifier: AmplifierParameters, resistance: float
+) -> NDArray[np.float64]:
+    """Constant coil currents of amplifiers without integral part (A): a control error remains.
+
+    It makes the voltage across the resistance, and that which dead time takes in the direction of the current.
+
+    Parameters
+    ----------
+    references : ndarray, shape (n,)
+        Coil current references (A), none negative for unipolar amplifiers.
+    amplifier : AmplifierParameters
+        The amplifiers.
+    resistance : float
+        Of a coil (ohm).
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Coil currents (A).
+    """
+    gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
+    if gain == 0.0:
+        return 0.0 * references
+    lost = 2.0 * amplifier.supply_voltage * amplifier.dead_time * amplifier.switching_frequency
+    sizes = np.maximum(np.abs(references) * gain - lost, 0.0) / (gain + resistance)
+    return np.copysign(sizes, references)
 
 
 def flux_embedding(plant: Plant) -> tuple[NDArray[np.intp], NDArray[np.float64]]:

@@ -4,14 +4,18 @@ A critical speed is where the damped natural frequency of a mode in the loop equ
 unbalance excites it, forward modes in any bearing, backward ones where the bearing is not the same along x and y. Its
 amplification factor is about 1 / (2 zeta); API 617 counts modes with less than 2.5 as critically damped.
 
+Modes are followed from speed to speed by their rates and shapes. Where one moves too far for that, speeds are added in
+between; where it still does and a crossing of the 1x line can be missing, `Campbell.gaps` names the interval.
+
 Sources: Schweitzer, Maslen (eds.), "Magnetic Bearings", Springer 2009, ch. 7 and 10; Genta, "Dynamics of Rotating
 Systems", Springer 2005, ch. 3; API RP 684 (amplification factor).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,7 +24,7 @@ from numpy.typing import NDArray
 from amb_core.ground.errors import PlantError
 from amb_core.ground.parameters import flatten, validate
 from amb_core.ground.progress import Progress
-from amb_core.linear.model.modes import Mode, Modes, modes_of
+from amb_core.linear.model.modes import LEAST_GAIN, Mode, Modes, modes_of
 from amb_core.loop.control import ControllerParameters
 from amb_core.plant.linearise import linearize
 from amb_core.plant.parameters import PlantParameters
@@ -28,6 +32,8 @@ from amb_core.plant.plant import Plant
 
 LEAST_AMPLIFICATION = 2.5
 _FARTHEST = 0.3  # relative distance of the rates of one branch at neighbouring speeds
+_HALVINGS = 5  # of the distance of neighbouring speeds, at most, until all modes are followed
+_FADING = 0.5 * LEAST_GAIN  # gain down to which a mode that is no longer selected is still the same mode
 _RPM = 60.0
 
 
@@ -114,10 +120,25 @@ class Campbell:
         crossings = [critical for branch in self.branches for critical in _crossings(branch)]
         return tuple(sorted(crossings, key=lambda critical: critical.speed))
 
+    @property
+    def gaps(self) -> tuple[tuple[float, float], ...]:
+        """Neighbouring speeds (Hz) between which a mode that is not followed can have crossed the running speed."""
+        speeds, loops = pairwise(self.speed.tolist()), pairwise(self.closed_loop)
+        return tuple(pair for pair, modes in zip(speeds, loops, strict=True) if _crossing_missed(pair, modes))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the critical speeds leave open."""
+        return tuple(
+            f"between {_RPM * left:.0f} and {_RPM * right:.0f} rpm the modes cannot be followed: take more speeds"
+            for left, right in self.gaps
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Critical speeds, and the modes of plant and loop at every speed."""
         return {
             "stable": self.stable,
+            "not_followed_rpm": [[_RPM * left, _RPM * right] for left, right in self.gaps],
             "critical_speeds": [
                 {
                     "rpm": critical.rpm,
@@ -146,7 +167,7 @@ def campbell(
     speeds: Iterable[float],
     progress: Progress | None = None,
 ) -> Campbell:
-    """Compute the modes of a machine at several running speeds.
+    """Compute the modes of a machine at several running speeds, and between these where modes move too far.
 
     Parameters
     ----------
@@ -155,9 +176,9 @@ def campbell(
     controller : ControllerParameters
         The controller of the loop.
     speeds : iterable of float
-        Running speeds (Hz), ascending.
+        Running speeds (Hz), ascending. Where a mode cannot be followed from one to the next, up to 31 are added.
     progress : callable, optional
-        Called after each speed, see `amb_core.ground.progress.Progress`.
+        Called after each of these speeds, see `amb_core.ground.progress.Progress`.
 
     Raises
     ------
@@ -169,19 +190,71 @@ def campbell(
     speed = np.array(list(speeds), dtype=np.float64)
     if not len(speed) or np.any(np.diff(speed) <= 0.0):
         raise PlantError(f"running speeds {speed.tolist()} Hz are not allowed; needed: at least one, ascending")
-    plants, loops = [], []
+    values = flatten(parameters.model_dump())
+
+    def modes_at(running_speed: float) -> _PlantAndLoop:
+        changed = validate(PlantParameters, values | {"rotor.running_speed": running_speed})
+        model = linearize(Plant(changed), controller)
+        return modes_of(model.discrete), modes_of(model.closed_loop)
+
+    at_speed: dict[float, _PlantAndLoop] = {}
     for number, value in enumerate(speed.tolist()):
-        values = {**flatten(parameters.model_dump()), "rotor.running_speed": value}
-        model = linearize(Plant(validate(PlantParameters, values)), controller)
-        plants.append(modes_of(model.discrete))
-        loops.append(modes_of(model.closed_loop))
+        at_speed[value] = modes_at(value)
         if progress is not None:
             progress("modes", number + 1, len(speed))
-    return Campbell(speed, tuple(plants), tuple(loops))
+    for left, right in pairwise(speed.tolist()):
+        _add_between(left, right, _HALVINGS, at_speed, modes_at)
+    plants, loops = zip(*(at_speed[value] for value in sorted(at_speed)), strict=True)
+    return Campbell(np.array(sorted(at_speed)), plants, loops)
+
+
+_PlantAndLoop = tuple[Modes, Modes]
+
+
+def _add_between(
+    left: float,
+    right: float,
+    halvings: int,
+    at_speed: dict[float, _PlantAndLoop],
+    modes_at: Callable[[float], _PlantAndLoop],
+) -> None:
+    """Halve an interval of speeds until all modes of the loop are followed through it, or as often as allowed."""
+    if not halvings or not any(_not_followed(at_speed[left][1], at_speed[right][1])):
+        return
+    middle = 0.5 * (left + right)
+    at_speed[middle] = modes_at(middle)
+    for ends in ((left, middle), (middle, right)):
+        _add_between(*ends, halvings - 1, at_speed, modes_at)
+
+
+def _crossing_missed(speeds: tuple[float, float], loops: tuple[Modes, Modes]) -> bool:
+    """Whether, of the modes that are not followed between two speeds, more are above the 1x line at one of them."""
+    lost = zip(speeds, _not_followed(*loops), strict=True)
+    before, after = (sum(mode.damped_hz > speed for mode in modes) for speed, modes in lost)
+    return before != after
+
+
+def _not_followed(left: Modes, right: Modes) -> tuple[list[Mode], list[Mode]]:
+    """The oscillating modes of neighbouring speeds that no branch has on both sides, without those that fade."""
+    before, after = _oscillating(left), _oscillating(right)
+    pairs = _closest(before, after)
+    ends = [mode for number, mode in enumerate(before) if number not in {row for _, row in pairs}]
+    starts = [mode for number, mode in enumerate(after) if number not in {column for column, _ in pairs}]
+    return _without_partner(ends, _faint(right)), _without_partner(starts, _faint(left))
+
+
+def _without_partner(modes: list[Mode], others: tuple[Mode, ...]) -> list[Mode]:
+    partnered = {row for _, row in _closest(modes, others)}
+    return [mode for number, mode in enumerate(modes) if number not in partnered]
 
 
 def _oscillating(modes: Modes) -> tuple[Mode, ...]:
     return tuple(mode for mode in modes.selected().modes if mode.oscillates)
+
+
+def _faint(modes: Modes) -> tuple[Mode, ...]:
+    """Oscillating modes that are just not selected."""
+    return tuple(mode for mode in modes.selected(_FADING).modes if mode.oscillates and mode.gain < LEAST_GAIN)
 
 
 def _branches(speed: NDArray[np.float64], at_speed: list[tuple[Mode, ...]]) -> tuple[Branch, ...]:
@@ -206,7 +279,7 @@ def _branches(speed: NDArray[np.float64], at_speed: list[tuple[Mode, ...]]) -> t
     )
 
 
-def _closest(ends: list[Mode], modes: tuple[Mode, ...]) -> list[tuple[int, int]]:
+def _closest(ends: Sequence[Mode], modes: Sequence[Mode]) -> list[tuple[int, int]]:
     """Pairs of a mode and the end of a branch which it continues, as numbers."""
     from scipy.optimize import linear_sum_assignment  # takes a quarter of a second to import
 

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from amb_core.ground.errors import PlantError
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters, pack_gains
+from amb_core.plant.averaged import currents_without_integral
 from amb_core.plant.axial import Axial
 from amb_core.plant.differences import OpenPlant, plant_system, with_low_pass
 from amb_core.plant.plant import Plant
 from amb_core.plant.sampled_amplifiers import sample_modulated
-from amb_core.plant.thrust_bearing import SIDES, half_order_terms, holding_duty, thrust_amplifier
+from amb_core.plant.thrust_bearing import SIDES, half_order_terms, thrust_amplifier
 
 _NAMES = ("+z", "-z")
 _REFERENCES = np.array(SIDES)[:, np.newaxis]  # coil current references by the control current
@@ -107,11 +108,8 @@ def _at_rest(plant: Plant, axial: Axial, z: float, control_current: float) -> Ax
     current = amplifier.bias_current + np.array(SIDES) * control_current
     lowest = 0.0 if amplifier.limits or amplifier.unipolar else -np.inf
     current = np.clip(current, lowest, amplifier.current_limit if amplifier.limits else np.inf)
-    if amplifier.integral_gain == 0.0:  # then a control error remains, which makes the voltage across the resistance
-        gain = 2.0 * amplifier.supply_voltage * amplifier.proportional_gain
-        offset = 2.0 * amplifier.supply_voltage * holding_duty(plant.parameters, 0.0)
-        resistance = plant.parameters.thrust_bearing.coil_resistance
-        current = np.maximum(current * gain - offset, 0.0) / (gain + resistance) if gain > 0.0 else 0.0 * current
+    if amplifier.integral_gain == 0.0:
+        current = currents_without_integral(current, amplifier, plant.parameters.thrust_bearing.coil_resistance)
     flux = axial.circuit.turns * current / axial.circuit.reluctances(z)
     return AxialPoint(z, control_current, current, flux)
 

@@ -63,7 +63,8 @@ class Plant:
     axial : Axial or None
         The thrust bearing and the rotor along its axis; None without.
     delevitated : bool
-        Whether the rotor touched a backup bearing, unless contact is part of the model.
+        Whether the rotor touched a backup bearing at the end of a sample, or where the currents change within it
+        (`converters.computation_delay`), unless contact is part of the model.
     samples : int
         Controller samples since the reset.
     sample_time : float
@@ -190,8 +191,8 @@ class Plant:
 
         Both have one value per axis of the machine.
 
-        Once the rotor has touched the backup bearing, `delevitated` is true and further calls are refused, unless
-        contact is part of the model.
+        Once the rotor has touched the backup bearing at the end of a sample, `delevitated` is true and further calls
+        are refused, unless contact is part of the model.
 
         Parameters
         ----------
@@ -356,7 +357,9 @@ class Plant:
         late = self._late_steps
         status = advance(*self._arrays, before, late, rows[:late]) if late > 0 else records.OK
         if status in (records.OK, records.DELEVITATED) and late < self._steps:
-            status = advance(*self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
+            status = _joined(
+                status, advance(*self._arrays, now, self._steps - late, rows[late:] if len(rows) else rows)
+            )
         axial_status = records.OK if self.axial is None else self._advance_axial(self.axial, before, now, axial_rows)
         self._reference, self._next_reference = now, before
         self.samples += 1
@@ -374,7 +377,7 @@ class Plant:
         if late > 0:
             status = axial.advance(before[-1], late, rows[:late])
         if status in (records.OK, records.DELEVITATED) and late < self._steps:
-            status = axial.advance(now[-1], self._steps - late, rows[late:] if len(rows) else rows)
+            status = _joined(status, axial.advance(now[-1], self._steps - late, rows[late:] if len(rows) else rows))
         axial.measure()
         return status
 
@@ -400,3 +403,8 @@ class Plant:
                 f"{self.parameters.backup_bearing.stiffness:g} N/m; reset the plant"
             )
         raise PlantError(f"state not finite ({bad}) {when}; reset the plant")
+
+
+def _joined(first: int, second: int) -> int:
+    """Status of a sample in two parts: a rotor that touched at the end of the first part and recedes has touched."""
+    return first if second == records.OK else second

@@ -61,7 +61,25 @@ def excited_order(
     """
     tried = max(HIGHEST_ORDER, model_order or 0)
     data = IdentificationData.from_arrays(current, position, sample_time)
-    order = highest_excited_order(data, tried)
+    return ExcitedOrder(determined_order(data, tried), tried)
+
+
+def determined_order(data: IdentificationData, highest: int) -> int:
+    """Highest order, up to a given one, for which data are persistently exciting and have samples enough.
+
+    Parameters
+    ----------
+    data : IdentificationData
+        Data with finite values.
+    highest : int
+        Highest number of states of interest.
+
+    Returns
+    -------
+    int
+        Number of states; 0 if the data determine no model.
+    """
+    order = highest_excited_order(data, highest)
     while order and check_amount(data, order).severity is Severity.ERROR:
         order -= 1
-    return ExcitedOrder(order, tried)
+    return order

@@ -22,6 +22,7 @@ STEPS_PER_PERIOD = tuple(20 * 2**power for power in range(10))
 """Internal steps in a switching period; more where eddy currents are fast, or the period is long."""
 LONGEST_STEP = 5e-6  # s
 SMALLEST_CLEARANCE = 1e-6  # m
+FASTEST_SWITCHING = 1e6  # Hz
 
 
 class Bearing(Parameters):
@@ -42,7 +43,11 @@ class Bearing(Parameters):
     sensor_bandwidth: float = quantity(0.0, "Hz", "first-order low-pass of the position sensors; 0: none", 0.0, 1e6)
     delay: float = quantity(0.0, "-", "computing time as a part of a controller sample", 0.0, 1.0)
     switching_frequency: float = quantity(
-        100e3, "Hz", "switching frequency of the amplifiers, rounded to whole periods in a sample", 1e3, 1e6
+        100e3,
+        "Hz",
+        "switching frequency of the amplifiers, rounded to whole periods in a sample",
+        1e3,
+        FASTEST_SWITCHING,
     )
     gravity: float = quantity(9.81, "m/s^2", "gravity across the bearing; 0 for a vertical rotor", 0.0, 100.0)
 
@@ -57,6 +62,11 @@ class Bearing(Parameters):
         if 0.0 < self.current_limit <= self.bias_current:
             raise ValueError(
                 f"current_limit = {self.current_limit:g} A must be larger than bias_current = {self.bias_current:g} A"
+            )
+        if self.switching_frequency < self.sample_rate:
+            raise ValueError(
+                f"switching_frequency = {self.switching_frequency:g} Hz must be at least sample_rate = "
+                f"{self.sample_rate:g} Hz"
             )
         return self
 
@@ -104,11 +114,9 @@ def plant_of(bearing: Bearing) -> PlantParameters:
 
 def _values(bearing: Bearing) -> dict[str, Any]:
     circuit = {f"magnetic_circuit.{name}": value for name, value in _circuit(bearing).items()}
-    periods = max(round(bearing.switching_frequency / bearing.sample_rate), 1)
-    switching = periods * bearing.sample_rate
     return circuit | {
         "amplifier.supply_voltage": bearing.voltage,
-        "amplifier.switching_frequency": switching,
+        "amplifier.switching_frequency": _switching_frequency(bearing),
         "amplifier.bias_current": bearing.bias_current,
         "amplifier.current_limit": bearing.bias_current + bearing.control_current_limit,
         "rotor.mass": bearing.mass,
@@ -118,6 +126,13 @@ def _values(bearing: Bearing) -> dict[str, Any]:
         "converters.computation_delay": bearing.delay,
         "integration.sample_rate": bearing.sample_rate,
     }
+
+
+def _switching_frequency(bearing: Bearing) -> float:
+    """The nearest one of whole periods in a sample that the amplifiers can have (Hz)."""
+    most = math.floor(FASTEST_SWITCHING / bearing.sample_rate + 1e-9)  # rounding can leave a ratio below its integer
+    periods = min(max(round(bearing.switching_frequency / bearing.sample_rate), 1), most)
+    return min(periods * bearing.sample_rate, FASTEST_SWITCHING)  # and a product above the largest value
 
 
 def _circuit(bearing: Bearing) -> dict[str, float]:

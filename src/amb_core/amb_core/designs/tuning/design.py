@@ -24,6 +24,9 @@ TRIED = 8
 BETTER = 10.0
 """Factor by which a part is made better to see whether it is the reason why a rotor stays down."""
 
+SAME_FREQUENCY = 0.01
+"""Relative difference of the switching frequency from the given one that is worth no remark."""
+
 
 @dataclass(frozen=True)
 class BearingDesign:
@@ -51,6 +54,15 @@ class BearingDesign:
     lift_off: LiftOff
     lift_off_current: float
     sizing: Sizing
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is little or much, and what is used instead of a given number."""
+        given, used = self.bearing.switching_frequency, self.plant.amplifier.switching_frequency
+        if abs(used - given) <= SAME_FREQUENCY * given:
+            return self.sizing.remarks
+        other = f"the switching frequency is {used:.6g} Hz instead of {given:.6g} Hz: whole periods in a sample"
+        return [*self.sizing.remarks, other]
 
 
 def design_bearing(bearing: Bearing, highest_peak: float = HIGHEST_PEAK) -> BearingDesign:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from amb_core.designs.tuning.loop_family import WITHOUT_LISTS, LoopFamily
 from amb_core.ground.errors import PlantError
-from amb_core.ground.parameters import part_of
+from amb_core.ground.parameters import declarations, part_of
 from amb_core.loop.control import ControllerParameters, pack_gains
 from amb_core.plant import Plant, linearize
 from amb_core.plant.averaged import AveragedPlant
@@ -34,6 +34,10 @@ from amb_core.plant.rotor import rotor_mass
 STIFF, SOFT = (3.0, 4.0, 5.0, 6.0), (1.6, 2.0, 2.5)
 """Ratios of the stiffnesses; the soft ones only if no stiff loop has a peak sensitivity that is low enough."""
 ZETAS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1.0, 1.4, 2.0)
+LARGEST_REFERENCE = next(
+    item.maximum or np.inf for item in declarations(ControllerParameters) if item.name == "nominal_reference"
+)
+"""Largest magnitude of a nominal reference that a controller takes (m)."""
 ENOUGH = 1.5
 """Peak sensitivity (-) that is low enough; if no gains of the grid reach it, those with the lowest are chosen."""
 
@@ -109,10 +113,24 @@ def require_carrying(model: Linearization, controller: ControllerParameters) -> 
 
 
 def held_at_centre(plant: Plant, model: Linearization, controller: ControllerParameters) -> ControllerParameters:
-    """With the nominal references at which the controller holds the rotor in the centre of its bearings."""
+    """With the nominal references at which the controller holds the rotor in the centre of its bearings.
+
+    Raises
+    ------
+    PlantError
+        If one is beyond what a controller takes.
+    """
     axes = len(plant.machine.axes)
     radial = len(model.point.current_reference)
     measured = AveragedPlant(plant).sensors() @ model.point.state  # not zero where a sensor is beside its bearing
     references = controller.references(axes).copy()
-    references[:radial] = measured + model.point.current_reference / pack_gains(controller, axes)[:radial, 0]
+    gains = pack_gains(controller, axes)[:radial, 0]
+    references[:radial] = measured + model.point.current_reference / gains
+    farthest = int(np.argmax(np.abs(references[:radial])))
+    if abs(references[farthest]) > LARGEST_REFERENCE:
+        raise PlantError(
+            f"carrying the rotor in the centre takes a nominal reference of {1e3 * abs(references[farthest]):.3g} mm "
+            f"with K_P = {gains[farthest]:g} A/m; allowed: {1e3 * LARGEST_REFERENCE:g} mm; a larger K_P, a larger bias "
+            "current or more turns need less"
+        )
     return controller.model_copy(update={"nominal_reference": tuple((np.round(references, 9) + 0.0).tolist())})

@@ -31,9 +31,13 @@ class StabilityChart:
     peak : ndarray, shape (n, n)
         Peak sensitivity (-), a row for each K_D; infinite where the loop is unstable.
     chosen : tuple of float
-        K_P and K_D of the controller.
+        K_P and K_D of the controller on its first axis.
     chosen_peak : float
-        Peak sensitivity with them, exactly; infinite if they do not stabilise the loop.
+        Peak sensitivity of the given controller, exactly; infinite if it does not stabilise the loop.
+    axis : str
+        Name of the first axis.
+    alike : bool
+        Whether the controller has the chosen gains on all radial axes, as the chart has.
     """
 
     proportional: NDArray[np.float64]
@@ -41,6 +45,8 @@ class StabilityChart:
     peak: NDArray[np.float64]
     chosen: tuple[float, float]
     chosen_peak: float
+    axis: str
+    alike: bool
 
 
 def stability_chart(
@@ -68,17 +74,20 @@ def stability_chart(
     plant = Plant(parameters)
     packed = pack_gains(controller, len(plant.machine.axes))
     chosen = float(packed[0, 0]), float(packed[0, 1])
+    alike = bool((packed[: 2 * plant.bearings, :2] == chosen).all())
     given = controller.model_copy(update={"nominal_reference": ()})
     if not parameters.rotor.axial:
         given = centred(parameters, given)
-    family = LoopFamily(linearize(plant, given, np.zeros(2)))
+    model = linearize(plant, given, np.zeros(2))
+    family = LoopFamily(model)
     proportional, derivative = _sides(family, chosen, points)
     peak = np.empty((points, points))
     for row, k_d in enumerate(derivative):
         peak[row] = [family.peak(float(k_p), float(k_d)) for k_p in proportional]
         if progress is not None:
             progress("chart", row + 1, points)
-    return StabilityChart(proportional, derivative, peak, chosen, family.exact_peak(*chosen))
+    axis = plant.machine.axis_names[0]
+    return StabilityChart(proportional, derivative, peak, chosen, model.peak_sensitivity, axis, alike)
 
 
 def _sides(family: LoopFamily, chosen: tuple[float, float], points: int) -> list[NDArray[np.float64]]:

@@ -43,15 +43,23 @@ class Modes:
         Those slower than half the sample rate; faster poles have no oscillation in the samples.
     output_names : tuple of str
         Names of the outputs, in the order of the shapes.
+    poles : ndarray, shape (n,)
+        All poles of the model (-), also those that have no mode or whose mode is not selected.
     """
 
     modes: tuple[Mode, ...]
     output_names: tuple[str, ...]
+    poles: NDArray[np.complex128]
 
     @property
     def stable(self) -> bool:
-        """Whether all of them decay."""
-        return all(mode.stable for mode in self.modes)
+        """Whether all poles of the model are inside the unit circle."""
+        return bool(np.all(np.abs(self.poles) < 1.0))
+
+    @property
+    def unstable_without_mode(self) -> int:
+        """Number of unstable poles as fast as half the sample rate or faster, which have no mode."""
+        return int(np.sum((np.abs(self.poles) >= 1.0) & ~_has_mode(rates_of(self.poles, 1.0), 1.0)))
 
     def of_kind(self, *kinds: str) -> tuple[Mode, ...]:
         """The modes of these kinds."""
@@ -99,7 +107,7 @@ def modes_of(system: LinearSystem) -> Modes:
     names = system.output_names
     planes = sensor_planes(names)
     rates = rates_of(poles, system.sample_time)
-    slow = np.flatnonzero((np.abs(rates) < math.pi / system.sample_time) & (rates.imag >= 0.0))
+    slow = np.flatnonzero(_has_mode(rates, system.sample_time) & (rates.imag >= 0.0))
     modes = []
     for group in _groups(rates, slow):
         shapes, drives = _separated(system.c @ right[:, group], _dual(left[:, group], right[:, group]) @ system.b)
@@ -109,7 +117,12 @@ def modes_of(system: LinearSystem) -> Modes:
             mode = Mode(complex(rates[number]), shape / largest if largest else shape, float(gain), "none")
             modes.append(replace(mode, whirl=whirl_of(mode.shape, planes)) if mode.oscillates else mode)
     ordered = tuple(sorted(_relative(modes), key=lambda mode: abs(mode.rate)))
-    return Modes(with_kinds(ordered, planes, LEAST_GAIN), names)
+    return Modes(with_kinds(ordered, planes, LEAST_GAIN), names, poles)
+
+
+def _has_mode(rates: NDArray[np.complex128], sample_time: float) -> NDArray[np.bool_]:
+    """Whether rates (1/s) are slower than half the sample rate."""
+    return np.asarray(np.abs(rates) < math.pi / sample_time)
 
 
 def _relative(modes: list[Mode]) -> list[Mode]:

@@ -71,7 +71,7 @@ def campbell_chart(
     table = Table(("critical speed (rpm)", "mode", "whirl", "damping ratio", "amplification"), rows)
     alt = (
         f"Damped natural frequencies of {len(diagram.branches)} modes of the closed loop over the running speed, up to "
-        f"{RPM * fastest:.0f} rpm; " + _listed(critical)
+        f"{RPM * fastest:.0f} rpm; " + " ".join([_listed(critical), *(f"{remark}." for remark in diagram.remarks)])
     )
     return Chart(title, alt, (panel,), size=(8.0, 5.6), table=table)
 

@@ -48,12 +48,18 @@ def stability_figure(chart: StabilityChart, title: str = "Gains that hold the ro
     known = np.isfinite(chart.chosen_peak)
     words = f"peak sensitivity {chart.chosen_peak:.3g}" if known else "unstable"
     gains = np.array([1e-3 * chart.chosen[0]]), np.array([chart.chosen[1]])
-    items.append(Points(*gains, f"chosen: {words}", PURPLE, "diamond" if known else "cross"))
+    if chart.alike:
+        items.append(Points(*gains, f"chosen: {words}", PURPLE, "diamond" if known else "cross"))
+        controller = f"Chosen are {gains[0][0]:.4g} A/mm and {gains[1][0]:.4g} A s/m, {words}."
+    else:
+        controller = (
+            f"The axes have gains of their own, {words}; the chart has those of {chart.axis} on all, "
+            "and the controller is no point of it."
+        )
     alt = (
         f"Stable set of the loop over K_P from {k_p[0]:.3g} to {k_p[-1]:.3g} A/mm and K_D from "
         f"{k_d[0]:.3g} to {k_d[-1]:.3g} A s/m: "
-        f"{100.0 * stable.mean():.0f} % of the gains shown are stable. Chosen are {gains[0][0]:.4g} A/mm and "
-        f"{gains[1][0]:.4g} A s/m, {words}."
+        f"{100.0 * stable.mean():.0f} % of the gains shown are stable. {controller}"
     )
     along = Axis("K_P (A/mm)", log=True, limits=(k_p[0], k_p[-1]))
     up = Axis("K_D (A s/m)", log=True, limits=(k_d[0], k_d[-1]))

@@ -128,6 +128,7 @@ class IdentifiedCampbell:
         computed = self.computed.to_json()
         return {
             "stable": computed["stable"],
+            "not_followed_rpm": computed["not_followed_rpm"],
             "largest_frequency_error_percent": self.worst_percent,
             "critical_speeds": computed["critical_speeds"],
             "speeds": [result.to_json() for result in self.results],
@@ -221,7 +222,7 @@ def identify_over_speeds(
     )
     if len(models) < len(speed):
         return None
-    at_speed = dict(zip(curve, computed[0].closed_loop, strict=True))
+    at_speed = dict(zip(computed[0].speed.tolist(), computed[0].closed_loop, strict=True))
     results = tuple(_result(value, models[value], controller, at_speed[value]) for value in speed)
     if all(result.model is None for result in results):
         raise PlantError(f"no running speed gives a model; at {results[0].rpm:.0f} rpm: {results[0].problem}")

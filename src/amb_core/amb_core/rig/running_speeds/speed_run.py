@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from amb_core.data.experiments.checks import highest_excited_order
+from amb_core.designs.excitation.excited_order import determined_order
 from amb_core.excitation import generate
 from amb_core.ground.errors import IdentificationError, PlantError
 from amb_core.identification import IdentificationData, identify
@@ -116,5 +116,5 @@ def run_speed(task: SpeedTask) -> StateSpaceModel:
         raise PlantError(f"at {rpm:.0f} rpm the rotor delevitates after {record.steps * record.sample_time:.3g} s")
     data = IdentificationData.from_record(record.window(rest, signal.steps), source=f"{rpm:.0f} rpm")
     wanted = task.settings.model_order(task.plant)
-    order = wanted if task.settings.order else max(1, highest_excited_order(data, wanted))
+    order = wanted if task.settings.order else max(1, determined_order(data, wanted))
     return identify(data, order, controller=task.controller).model
