@@ -18,7 +18,7 @@ class RegionMonitorParameters(RegionParameters):
         5.0,
         "s",
         "longest wait for the machine once telemetry of its axes arrives; without it bearings follow from the names "
-        "of the axes, with a clearance of 250 um",
+        "of the axes, and D is not judged unless `backup_bearing_radius` is given",
         0.0,
         60.0,
     )

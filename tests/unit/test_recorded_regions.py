@@ -269,7 +269,24 @@ def test_the_command_prints_the_onsets_and_writes_figures_and_summary(tmp_path: 
     assert summary["gaps"] == [[9_000, 13_000]]
     assert summary["delevitated"] is True
     assert summary["onsets"]["rotor"]["B"]["input_frequency"] == pytest.approx(400.0, abs=12.0)
-    assert sum(summary["shares"].values()) == pytest.approx(1.0)
+    assert summary["shares"]["A"] is None, "B and D were found, but the clearance is not known"
+    assert 0.0 < summary["shares"]["B"] + summary["shares"]["D"] < 1.0
+
+
+def test_a_drift_after_a_gap_that_follows_delevitation_is_no_onset_of_the_rotor(tmp_path: Path) -> None:
+    steps = np.arange(60_000)
+    position = 0.02 * np.random.default_rng(0).standard_normal(len(steps))
+    position[10_000:20_000] += 260.0
+    position[40_000:] += 20.0 * np.arange(20_000) / RATE
+    position[25_000:25_100] = np.nan
+    reference = np.where(steps < 5_000, 0.0, 5.0 * np.sin(2.0 * np.pi * 997.0 * steps / RATE))
+    table = np.column_stack([steps / RATE, 0.0 * position, position, reference])
+    heading = "time [s],i_x [A],x [um],r_x [um]"
+    np.savetxt(tmp_path / "two.csv", table, delimiter=",", header=heading, comments="", fmt="%.9g")
+    recording, _ = read_recording(tmp_path / "two.csv", clearance="250um", repair="split")
+    found = classify_run(recording).classification
+    assert set(found.onsets) == {Region.D}
+    assert set(found.axis_onsets["x"]) == {Region.B, Region.D}
 
 
 def write_fall(file: Path) -> None:

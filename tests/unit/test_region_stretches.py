@@ -43,6 +43,15 @@ def test_a_region_that_began_before_the_last_one_takes_its_place() -> None:
     ]
 
 
+def test_a_region_that_a_higher_one_hid_continues_after_it() -> None:
+    assert stretches(run("AABBCCBB", onsets={"B": 200, "C": 400})) == [
+        Stretch(Region.A, 0, 200),
+        Stretch(Region.B, 200, 400),
+        Stretch(Region.C, 400, 600),
+        Stretch(Region.B, 600, 800),
+    ]
+
+
 def test_nothing_is_said_about_a_gap_nor_about_what_was_never_judged() -> None:
     before, after = run("AAA"), run("-AA", first_step=1000)
     assert stretches(before + after) == [Stretch(Region.A, 0, 300), Stretch(Region.A, 1000, 1300)]

@@ -174,6 +174,18 @@ def test_windows_must_hold_enough_updates(values: dict[str, float]) -> None:
         validate(RegionParameters, values)
 
 
+def test_the_shortest_trend_window_suits_every_sample_rate() -> None:
+    """At 1.6 kHz an update is 12.5 ms long: 0.12 s hold fewer updates than the shortest test needs."""
+    steps = np.arange(4_000)
+    y = (
+        1e-8 * np.random.default_rng(1).standard_normal((4_000, 2))
+        + 20e-6 * np.maximum(steps / 1600.0 - 1.5, 0.0)[:, None]
+    )
+    record = LoopRecord(0, 1.0 / 1600.0, np.zeros_like(y), y, np.zeros_like(y))
+    onset = classify(record, RegionParameters(trend_window=0.12)).onsets[Region.B]
+    assert onset.time == pytest.approx(1.5, abs=0.05)
+
+
 def test_other_sample_rates() -> None:
     time = np.arange(6_000) / 2_000.0
     reference = np.zeros((6_000, 2))
@@ -232,6 +244,18 @@ def test_delevitation_is_told_at_its_step(eventful: LoopRecord) -> None:
     assert left.step == pytest.approx(27_000 + PARAMETERS.hold_time * RATE, abs=201)
 
 
+def test_a_touch_of_the_backup_bearing_keeps_what_was_before() -> None:
+    time = seconds(4.0)
+    y = 40e-6 * np.clip(time - 1.0, 0.0, 1.0)
+    y[24_000:25_000] = 260e-6
+    states = classify(telemetry(y), PARAMETERS).states
+    assert states[-1].region is Region.A and states[-1].settled
+    assert states[-1].since.time == pytest.approx(2.5 + PARAMETERS.hold_time, abs=0.02)
+    parts = stretches(states)
+    assert [part.region.name for part in parts] == ["A", "B", "D", "A"]
+    assert [part.first_step / RATE for part in parts] == pytest.approx([0.0, 1.0, 2.4, 2.7], abs=0.03)
+
+
 def test_delevitation_counts_from_the_centre_in_any_direction() -> None:
     position = np.full((500, 2), 180e-6)
     zeros = np.zeros_like(position)
@@ -244,6 +268,8 @@ def test_delevitation_is_judged_only_where_the_clearance_is_known(eventful: Loop
     assert Region.D not in unknown.onsets
     assert unknown.judged.absent() == "no B or C"
     assert unknown.judged.reservations == ("D not judged: the clearance is not known",)
+    for no_clearance in (0.0, -1e-4, math.nan):
+        assert classify(eventful, clearance={"x": no_clearance}).judged.contact == {"x": False, "y": False}
     known = classify(eventful, clearance={"x": 250e-6, "y": 250e-6})
     assert known.onsets[Region.D].step == 26_050 and known.judged.complete()
 
@@ -317,6 +343,14 @@ def test_beating_of_a_steady_tone_is_no_slow_oscillation(frequency: float) -> No
     assert classification.states[-1].axis("y").sampling_beat
     sets_in_without_input = classify(telemetry(np.where(time > 0.7, beat, 0.0)))
     assert Region.C in sets_in_without_input.onsets
+
+
+def test_a_slow_oscillation_under_a_sine_at_a_tenth_of_the_rate_is_found() -> None:
+    """Its tenth harmonic folds to zero: that moves the bias, and is no slow line."""
+    time = seconds(5.0)
+    reference = tone(1_000.0, 20e-6, time)
+    onsets = classify(telemetry(np.where(time > 1.5, tone(8.0, 10e-6, time), 0.0), reference)).onsets
+    assert onsets[Region.C].time == pytest.approx(1.5, abs=0.3)
 
 
 def test_slow_content_of_the_input_is_no_oscillation() -> None:

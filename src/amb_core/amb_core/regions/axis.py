@@ -8,21 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from amb_core.regions.bias_range import BiasRange
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import InputKind
-from amb_core.regions.judged import TestedUpdates
+from amb_core.regions.judged import SearchedUpdates, TestedUpdates
 from amb_core.regions.oscillation import SlowOscillation
 from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
+from amb_core.regions.slow_reference import SlowReference
 from amb_core.regions.slow_signal import HARMONICS, INAUDIBLE, TAPS, fit_window
 from amb_core.regions.state import Onset
 from amb_core.regions.steady_lines import SAME, SteadyLines, find_lines
-from amb_core.regions.trend import TrendTest
+from amb_core.regions.trend import FEWEST_POINTS, TrendTest
 
 MOTION = 1e-6  # m: a decimated reference that moves more shows the static gain of the loop
 HIGHEST_HARMONIC = 0.45  # of the decimated rate: decimation removes the harmonics above
 STEADY_MARGIN = 1.3  # of the slow band: lines slightly outside the band leak into it
 TURNING_HARMONICS = 3  # of the running speed, if it is known
+MOVING = 0.5  # of `drift_threshold`: a reference that moves less makes no drift where the response is twice as large
+MEANS = 8  # means of the bias, for its range, within the longest test
 SMALLEST_STEADY = 0.1  # of `oscillation_threshold`: smaller lines have no effect
 
 
@@ -54,6 +58,8 @@ class AxisClassifier:
         Steps of an update interval.
     tested : TestedUpdates
         Counts the updates in which B is judged.
+    searched : SearchedUpdates
+        Counts those in which C is judged.
 
     Attributes
     ----------
@@ -78,6 +84,7 @@ class AxisClassifier:
         sample_time: float,
         interval: int,
         tested: TestedUpdates,
+        searched: SearchedUpdates,
     ) -> None:
         self._axis = axis
         self._tested = tested
@@ -90,8 +97,9 @@ class AxisClassifier:
         samples = front_end.position.shape[1]
         self._rate = PER_INTERVAL / update
         self._hold = round(parameters.hold_time / update)
-        self._trend = TrendTest(round(parameters.trend_window / update), update, parameters.false_alarm_rate / 3600.0)
-        self.slow = SlowOscillation(axis, parameters, front_end, sample_time, interval)
+        points = max(round(parameters.trend_window / update), FEWEST_POINTS)
+        self._trend = TrendTest(points, update, parameters.false_alarm_rate / 3600.0)
+        self.slow = SlowOscillation(axis, parameters, front_end, sample_time, interval, searched)
         self.fewest_updates = max(self._trend.points, self.slow.fewest_updates)
         self.steady = SteadyLines(samples, PER_INTERVAL, self._rate)
         if parameters.running_speed:
@@ -99,11 +107,13 @@ class AxisClassifier:
             self.steady.expect(turning[turning <= STEADY_MARGIN * parameters.slow_frequency])
         self._was_slow: float | None = None  # Hz, of the latest oscillation
         self._unexplained, self._residual = np.empty((2, samples))
+        self._range = BiasRange(self._trend.longest // MEANS)
+        self._reference = SlowReference(samples + TAPS - 1, self._trend.longest)
         self.reset()
 
     def reset(self) -> None:
         """Forget evidence and regions, but not the steady lines: the loop is about to settle."""
-        self._trend.reset()
+        self._forget_bias()
         self.slow.reset()
         self._static_gain = 0.0
         self.features = Features()
@@ -111,6 +121,11 @@ class AxisClassifier:
         self.oscillation: Onset | None = None
         self._level = 0.0
         self._drift_rest = 0
+
+    def _forget_bias(self) -> None:
+        self._trend.reset()
+        self._forget_range()
+        self._reference.reset()
 
     def adopt_steady_lines(self, position: NDArray[np.float64], before: int, excited: bool) -> None:
         """Find the lines in decimated positions (m) without input, which ended `before` decimated samples ago.
@@ -158,6 +173,7 @@ class AxisClassifier:
             self._residual,
         )
         self.steady.correct(amplitudes, self._source.frequency, self._source.kind != InputKind.OTHER)
+        self._reference.take(reference)
         if self._source.kind == InputKind.OTHER:
             self._take_out_static_response(reference, gain)
         self._judge_bias(step, len(self._unexplained) // PER_INTERVAL // 2)
@@ -168,14 +184,16 @@ class AxisClassifier:
         """Between the edges of a slow square wave, only the static gain separates the response from the bias."""
         middle = len(self._unexplained) // PER_INTERVAL // 2 * PER_INTERVAL
         past = reference[middle - 1 : middle + PER_INTERVAL + TAPS - 1]
-        if np.ptp(past) > MOTION:
+        if np.ptp(past) > MOTION and not self._reference.smooth:
             if self._static_gain == 0.0:
-                self._trend.reset()  # bias points so far contain the response to a constant reference
+                self._forget_bias()  # bias points so far contain the response to a constant reference
             self._static_gain = gain
         elif np.ptp(past) <= INAUDIBLE:
             part = slice(middle, middle + PER_INTERVAL)
             position = self._front_end.position[self._axis, part]
             self._unexplained[part] = position - self._static_gain * reference[middle + TAPS - 1]
+            if self._static_gain != 0.0:
+                self._reference.smooth = False  # its response is known
 
     def _note_oscillation(self) -> None:
         """Region C: the onset is looked up once, when the oscillation is found."""
@@ -196,11 +214,16 @@ class AxisClassifier:
         parameters, features = self._parameters, self.features
         bias_step = step - len(self._unexplained) * self._interval // PER_INTERVAL + part * self._interval
         features.bias = float(np.mean(self._unexplained[part * PER_INTERVAL : (part + 1) * PER_INTERVAL]))
-        if self._history.resonant(bias_step, self._axis):
+        resonant = self._history.resonant(bias_step, self._axis)
+        moved = self._reference.moved(slice(part * PER_INTERVAL + TAPS - 1, (part + 1) * PER_INTERVAL + TAPS - 1))
+        if resonant or moved > MOVING * parameters.drift_threshold:
+            left_out = 1
             if self.drift is None:
+                left_out += self._trend.incomplete
                 self._trend.reset()
+                self._forget_range()
                 features.trend = features.trend_significance = 0.0
-            self._tested.leave_out()
+            self._tested.leave_out(left_out, resonant)
             return
         latest = self._trend.add(features.bias)
         self._tested.add(self._trend.count, self._trend.points)
@@ -214,6 +237,22 @@ class AxisClassifier:
         self._drift_rest = 0 if drifting is not None or displaced else self._drift_rest + 1
         if self._drift_rest > self._hold:
             self.drift = None
+        self._follow_range(features.bias)
+
+    def _follow_range(self, bias: float) -> None:
+        """Note how far the bias moves where nothing is found: several slow drifts, or one, may go far."""
+        if self.drift is not None:
+            self._tested.unnoticed = self._unnoticed  # what is noted since then is that drift
+        if self.drift is not None or self.oscillation is not None:
+            self._forget_range()
+            return
+        moved = self._range.add(bias)
+        if moved >= self._parameters.drift_threshold:
+            self._tested.unnoticed = max(self._tested.unnoticed, moved)
+
+    def _forget_range(self) -> None:
+        self._range.reset()
+        self._unnoticed = self._tested.unnoticed
 
 
 def gain(response: float, amplitude: float) -> float:

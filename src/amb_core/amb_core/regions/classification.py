@@ -104,7 +104,7 @@ def classify(
         first_of_axes = [onsets[region] for onsets in axes.values() if region in onsets]
         if first_of_axes:
             rotor[region] = min(first_of_axes, key=lambda onset: onset.step)
-    return Classification(states, _in_order(rotor), axes, classifier.judged)
+    return Classification(states, in_order(rotor), axes, classifier.judged)
 
 
 def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
@@ -117,7 +117,7 @@ def _first_onsets(states: list[AxisState]) -> dict[Region, Onset]:
     return dict(sorted(onsets.items()))
 
 
-def _in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
+def in_order(onsets: dict[Region, Onset]) -> dict[Region, Onset]:
     """The onsets without those that come after the onset of a higher region."""
     return {
         region: onset

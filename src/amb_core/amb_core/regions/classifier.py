@@ -16,7 +16,7 @@ from amb_core.regions.contact import Contact
 from amb_core.regions.front_end import FrontEnd
 from amb_core.regions.history import InputHistory
 from amb_core.regions.input_signal import ExcitationChange, InputKind
-from amb_core.regions.judged import Judged, TestedUpdates
+from amb_core.regions.judged import Judged, SearchedUpdates, TestedUpdates
 from amb_core.regions.layout import ONE_BEARING, Layout, MonitoredBearing
 from amb_core.regions.parameters import PER_INTERVAL, RegionParameters
 from amb_core.regions.slow_signal import TAPS
@@ -72,6 +72,7 @@ class RegionClassifier:
         self._next: int | None = None
         self._held = np.empty((self._interval, 2 * self._count))
         self._tested = [TestedUpdates() for _ in layout.axes]
+        self._searched = [SearchedUpdates() for _ in layout.axes]
         self._restart(0)
 
     @property
@@ -79,7 +80,9 @@ class RegionClassifier:
         """What was judged so far at all."""
         axes = self.layout.axes
         contact = {axis: math.isfinite(self._contact_of[column].clearance) for column, axis in enumerate(axes)}
-        return Judged(dict(zip(axes, self._tested, strict=True)), contact, self.parameters.resonance_gain)
+        tested = dict(zip(axes, self._tested, strict=True))
+        searched = dict(zip(axes, self._searched, strict=True))
+        return Judged(tested, contact, self.parameters.resonance_gain, searched)
 
     def feed(self, block: LoopRecord) -> list[RegionState]:
         """Take in a block of telemetry; the states that it completes, oldest first.
@@ -169,8 +172,10 @@ class RegionClassifier:
         self._front_end = FrontEnd(self.sample_time, self._factor, self._samples, self._neighbours)
         self._history = InputHistory(self.sample_time, parameters.resonance_gain, self._count)
         self._axes = [
-            AxisClassifier(axis, parameters, self._front_end, self._history, self.sample_time, self._interval, tested)
-            for axis, tested in enumerate(self._tested)
+            AxisClassifier(
+                axis, parameters, self._front_end, self._history, self.sample_time, self._interval, tested, searched
+            )
+            for axis, (tested, searched) in enumerate(zip(self._tested, self._searched, strict=True))
         ]
         # an interval without its start is left out
         self._first_whole = math.ceil(step / self._interval) * self._interval
@@ -189,8 +194,15 @@ class RegionClassifier:
         """
         self._unsettled = self._settling + (self._samples + TAPS) // PER_INTERVAL + 1
         self._settled_for = self._quiet = 0
-        for axis in self._axes:
+        for number, axis in enumerate(self._axes):
+            if axis.drift or axis.oscillation:
+                self._begin_linear(number)
             axis.reset()
+
+    def _begin_linear(self, axis: int) -> None:
+        """Region A of an axis, if it turns out to be A, begins at the latest step: a higher one has ended."""
+        assert self._next is not None
+        self._linear[axis] = self._history.onset(self._next - 1, axis)
 
     def _contact(self, bearing: MonitoredBearing) -> Contact:
         """A bearing without contact; `backup_bearing_radius` replaces the clearance of every radial one."""
@@ -238,6 +250,8 @@ class RegionClassifier:
         for contact in touching:
             if contact.count_clear() * self._interval * self.sample_time > self.parameters.hold_time:
                 contact.since = None
+                for axis in contact.columns:
+                    self._begin_linear(axis)
         if touching and not self._touching:
             self._settle()
 
@@ -273,7 +287,7 @@ class RegionClassifier:
             before = self._axes[axis].drift or self._axes[axis].oscillation
             self._axes[axis].update(self._judged)
             if before and not (self._axes[axis].drift or self._axes[axis].oscillation):
-                self._linear[axis] = self._history.onset(self._next - 1, axis)
+                self._begin_linear(axis)
 
     def _follow_steady_lines(self) -> None:
         """Look for lines while there is no input: at every doubling of this time, and when an input begins."""
@@ -304,17 +318,20 @@ class RegionClassifier:
         changed = False
         for axis in range(self._count):
             source = self._front_end.input_of(axis)
-            sine = source.kind == InputKind.SINE
             steps.append(self._next - 1 - source.span * self._interval // 2)
-            frequencies.append(source.frequency if sine else math.nan)
-            gains.append(gain(self._front_end.response[axis], source.amplitude) if sine else 0.0)
+            frequencies.append(source.frequency if source.kind == InputKind.SINE else math.nan)
+            gains.append(self._gain(axis))
             changed = self._changes[axis].update(self._front_end.inputs[axis]) or changed
         self._history.add(steps, frequencies, gains)
         if changed:
-            for axis in range(self._count):
-                if self._axes[axis].drift or self._axes[axis].oscillation:
-                    self._linear[axis] = self._history.onset(self._next - 1, axis)
             self._settle()
+
+    def _gain(self, axis: int) -> float:
+        """Response of an axis per input, 0 where this is no sine."""
+        source = self._front_end.input_of(axis)
+        if source.kind == InputKind.OTHER:
+            return self._front_end.noisy_sine_response(axis)
+        return gain(self._front_end.response[axis], source.amplitude) if source.kind == InputKind.SINE else 0.0
 
     def _state(self, step: int | None = None) -> RegionState:
         """The state at a step, by default the latest one."""

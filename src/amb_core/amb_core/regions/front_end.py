@@ -10,7 +10,16 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.regions.input_signal import HIGHEST, NO_INPUT, SPANS, InputFeatures, InputKind, InputTracker, sine_parts
+from amb_core.regions.input_signal import (
+    HIGHEST,
+    NO_INPUT,
+    SPANS,
+    InputFeatures,
+    InputKind,
+    InputTracker,
+    sine_frequency,
+    sine_parts,
+)
 from amb_core.regions.parameters import PER_INTERVAL
 from amb_core.regions.slow_signal import TAPS, decimate, decimation_filter
 
@@ -152,6 +161,8 @@ class FrontEnd:
         Phase of the input at the same steps (rad); 0 where it is no sine.
     frequency : ndarray, shape (axes, samples)
         Frequency of the input at the same steps (Hz).
+    amplitude : ndarray, shape (axes, samples)
+        Amplitude of the input at the same steps (m).
     inputs : list of InputFeatures
         Inputs on the axes.
     sources : list of int
@@ -187,6 +198,7 @@ class FrontEnd:
         self.reference = np.zeros((axes, samples + TAPS - 1))
         self.phase = np.zeros((axes, samples))
         self.frequency = np.zeros((axes, samples))
+        self.amplitude = np.zeros((axes, samples))
         self.past = Past(round(PAST / (factor * sample_time)), axes)
 
     @property
@@ -220,6 +232,20 @@ class FrontEnd:
         """The input that an axis responds to: its own, or that of another axis if it has none."""
         return self.inputs[self.sources[axis]]
 
+    def noisy_sine_response(self, axis: int) -> float:
+        """Response per input of an axis where noise alone keeps its input from being a sine; 0 for other inputs."""
+        reference = self.reference[self.sources[axis]]
+        sample_time = self._factor * self._sample_time
+        frequency = sine_frequency(reference, sample_time)
+        if math.isnan(frequency):
+            return 0.0
+        samples = self.position.shape[1]
+        angle = 2.0 * math.pi * frequency * sample_time * np.arange(samples)
+        columns = np.column_stack([np.ones(samples), np.cos(angle), np.sin(angle)])
+        fitted = np.linalg.lstsq(columns, np.column_stack([reference[-samples:], self.position[axis]]), rcond=None)[0]
+        asked, answered = np.hypot(fitted[1], fitted[2])
+        return float(answered / asked)
+
     def _source_of(self, axis: int) -> int:
         """The axis itself if it has an input, otherwise the nearest one that has; its neighbour if there is none."""
         others = self._neighbours[axis]
@@ -246,6 +272,7 @@ class FrontEnd:
                 phase = np.arctan2(parts[axis, 1, :: self._factor], parts[axis, 0, :: self._factor])
             _shift(self.phase[axis], phase)
             _shift(self.frequency[axis], np.full(PER_INTERVAL, features.frequency))
+            _shift(self.amplitude[axis], np.full(PER_INTERVAL, self.inputs[axis].amplitude))
         positions = self._raw[part, len(self.inputs) :]
         for axis in range(len(self.inputs)):
             cosine, sine = parts[self.sources[axis]]

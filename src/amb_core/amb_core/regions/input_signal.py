@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 SPANS = (1, 2, 4, 8, 16)  # update intervals over which a frequency is fitted; the shortest with a full period is used
 NOT_A_SINE = 0.05  # one minus squared correlation: white noise has 0.1, a sweep of 250 Hz/s less above about 25 Hz
+STRIDES = (1, 2, 4, 8)  # samples over which the differences of a noisy sine are taken
 MEMORY = 2.0  # s for which an input is remembered after its last change: squares rest between their edges
 KIND_UPDATES = 5  # updates for which another kind of input must last to count as another excitation
 AMPLITUDE_STEP = 1.25  # ratio of amplitudes of a sine from one update to the next that counts as another excitation
@@ -94,6 +95,35 @@ def sine_parts(
         cosine[k], sine[k] = in_phase * scale, quadrature * scale
         power += squared
     return np.sqrt(power / len(cosine))
+
+
+def sine_frequency(signal: NDArray[np.float64], sample_time: float) -> float:
+    """Frequency of a signal that is a sine with little noise; NaN of another one, and below one period.
+
+    Differences over one sample amplify noise by the square of the samples per period. So they are taken over 2, 4 and 8
+    samples too, each up to a sixth of a period: beyond, a square looks like a sine.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (n,)
+        The signal.
+    sample_time : float
+        Sample time (s).
+
+    Returns
+    -------
+    float
+        Frequency (Hz).
+    """
+    for lag in STRIDES:
+        first = signal[lag:] - signal[:-lag]
+        second = first[2 * lag :] - 2.0 * first[lag:-lag] + first[: -2 * lag]
+        first = first[lag:-lag]
+        product, power, power_of_second = second @ first, first @ first, second @ second
+        if -power < product < 0.0 and 1.0 - product**2 / (power * power_of_second) < NOT_A_SINE:
+            frequency = math.asin(0.5 * math.sqrt(-product / power)) / (math.pi * lag * sample_time)
+            return frequency if frequency * len(signal) * sample_time >= 1.0 else math.nan
+    return math.nan
 
 
 class InputTracker:

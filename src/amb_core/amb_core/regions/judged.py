@@ -3,32 +3,116 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Self
 
 from amb_core.regions.state import Region
 
 NEARLY_ALL = 0.95
-"""Share of the updates in which B must have been judged for a record to be called free of it."""
+"""Share of the updates in which B and C must have been judged for a record to be called free of them."""
+
+MAIN = 0.2
+"""Share of the updates that were left out from which their reason is named."""
 
 
 @dataclass
 class TestedUpdates:
-    """Updates of one axis after settling, and those of them that a complete test for a drift covers."""
+    """Updates of one axis by what was done about a drift: covered by a complete test, or left out.
 
-    evaluated: int = 0
+    Those between two changes of the excitation that are too few for a test are not counted, as those of settling.
+
+    Attributes
+    ----------
+    tested : int
+        Covered by a complete test.
+    resonant : int
+        Left out because the loop follows its input.
+    moving : int
+        Left out because the reference itself moves slowly.
+    unnoticed : float
+        How far the bias moved without a drift in any test, if that is `drift_threshold` or more (m).
+    """
+
     tested: int = 0
+    resonant: int = 0
+    moving: int = 0
+    unnoticed: float = 0.0
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The same of several parts of one record."""
+        return cls(
+            sum(part.tested for part in parts),
+            sum(part.resonant for part in parts),
+            sum(part.moving for part in parts),
+            max(part.unnoticed for part in parts),
+        )
+
+    @property
+    def evaluated(self) -> int:
+        """All of them."""
+        return self.tested + self.resonant + self.moving
 
     def add(self, points: int, shortest: int) -> None:
         """Count an update whose bias is the latest of `points` in a row; the shortest test needs `shortest`."""
-        self.evaluated += 1
         if points == shortest:
             self.tested += points  # the first complete test covers those before it, too
         elif points > shortest:
             self.tested += 1
 
-    def leave_out(self) -> None:
-        """Count an update whose bias is not looked at."""
-        self.evaluated += 1
+    def leave_out(self, updates: int, resonant: bool) -> None:
+        """Count updates without a test: at resonance, otherwise while the reference moves slowly."""
+        if resonant:
+            self.resonant += updates
+        else:
+            self.moving += updates
+
+
+class OtherCause(Enum):
+    """What a slow line may be, other than a slow oscillation."""
+
+    BEAT = "beat"
+    RESPONSE = "response"
+
+
+@dataclass
+class SearchedUpdates:
+    """Updates of one axis by what was found of a slow oscillation: whether a slow line may have another cause.
+
+    Attributes
+    ----------
+    searched : int
+        Without a slow line, or with one that counts.
+    beating : int
+        With a line where the input may beat with the sample rate.
+    responding : int
+        With a line where the response to an input that is not a sine is not known well enough.
+    """
+
+    searched: int = 0
+    beating: int = 0
+    responding: int = 0
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The same of several parts of one record."""
+        return cls(
+            sum(part.searched for part in parts),
+            sum(part.beating for part in parts),
+            sum(part.responding for part in parts),
+        )
+
+    @property
+    def evaluated(self) -> int:
+        """All of them."""
+        return self.searched + self.beating + self.responding
+
+    def add(self, cause: OtherCause | None) -> None:
+        """Count an update by the other cause that its slow line may have, if any."""
+        self.searched += cause is None
+        self.beating += cause is OtherCause.BEAT
+        self.responding += cause is OtherCause.RESPONSE
 
 
 @dataclass(frozen=True)
@@ -43,11 +127,14 @@ class Judged:
         By axis: whether the clearance of its bearing is known, without which D is not judged.
     resonance_gain : float
         Response per input (-) at or above which B is not judged.
+    oscillation : dict of str to SearchedUpdates
+        By axis: in how many updates a slow oscillation (C) could have been found.
     """
 
     drift: Mapping[str, TestedUpdates]
     contact: Mapping[str, bool]
     resonance_gain: float
+    oscillation: Mapping[str, SearchedUpdates] = field(default_factory=dict)
 
     @classmethod
     def joined(cls, parts: Sequence[Judged]) -> Judged:
@@ -63,14 +150,12 @@ class Judged:
         Judged
             With the updates of all.
         """
-        drift = {
-            axis: TestedUpdates(
-                sum(part.drift[axis].evaluated for part in parts), sum(part.drift[axis].tested for part in parts)
-            )
-            for axis in parts[0].drift
+        drift = {axis: TestedUpdates.joined([part.drift[axis] for part in parts]) for axis in parts[0].drift}
+        oscillation = {
+            axis: SearchedUpdates.joined([part.oscillation[axis] for part in parts]) for axis in parts[0].oscillation
         }
         contact = {axis: all(part.contact[axis] for part in parts) for axis in parts[0].contact}
-        return cls(drift, contact, parts[0].resonance_gain)
+        return cls(drift, contact, parts[0].resonance_gain, oscillation)
 
     def without_drift_test(self, axis: str | None = None) -> float:
         """Share of the updates in which B was not judged, from 0 to 1.
@@ -90,6 +175,24 @@ class Judged:
         counted = self.drift[axis]
         return 1.0 - counted.tested / counted.evaluated if counted.evaluated else 0.0
 
+    def without_search(self, axis: str | None = None) -> float:
+        """Share of the updates in which C was not judged, from 0 to 1.
+
+        Parameters
+        ----------
+        axis : str, optional
+            Name of the axis; by default the largest share of all.
+
+        Returns
+        -------
+        float
+            The share; 0 if no update was evaluated at all.
+        """
+        if axis is None:
+            return max((self.without_search(name) for name in self.oscillation), default=0.0)
+        counted = self.oscillation[axis]
+        return 1.0 - counted.searched / counted.evaluated if counted.evaluated else 0.0
+
     def looked_for(self, axis: str | None = None) -> tuple[Region, ...]:
         """The regions beside A that would have been found.
 
@@ -101,11 +204,14 @@ class Judged:
         Returns
         -------
         tuple of Region
-            B where it was judged in nearly all updates, C, and D where the clearance is known.
+            B and C where they were judged in nearly all updates, and D where the clearance is known. B not where the
+            bias moved too slowly for its tests.
         """
-        regions = [Region.C]
-        if self.without_drift_test(axis) <= 1.0 - NEARLY_ALL:
-            regions.insert(0, Region.B)
+        regions = []
+        if self.without_drift_test(axis) <= 1.0 - NEARLY_ALL and not self._unnoticed(axis):
+            regions.append(Region.B)
+        if self.without_search(axis) <= 1.0 - NEARLY_ALL:
+            regions.append(Region.C)
         if all(self.contact.values()) if axis is None else self.contact[axis]:
             regions.append(Region.D)
         return tuple(regions)
@@ -136,9 +242,12 @@ class Judged:
         Returns
         -------
         str
-            The words.
+            The words; `nothing` if no region was looked for.
         """
-        *others, last = (region.name for region in self.looked_for(axis))
+        names = [region.name for region in self.looked_for(axis)]
+        if not names:
+            return "nothing"
+        *others, last = names
         return f"no {', '.join(others)} or {last}" if others else f"no {last}"
 
     @property
@@ -147,21 +256,64 @@ class Judged:
         said = []
         left_out = [axis for axis in self.drift if self.without_drift_test(axis) > 1.0 - NEARLY_ALL]
         if left_out:
+            share, where = self.without_drift_test(), ", ".join(left_out)
+            said.append(f"B not judged in {100.0 * share:.0f} % of the record ({where}): {self._no_test(left_out)}")
+        slow = [axis for axis in self.drift if self._unnoticed(axis)]
+        if slow:
+            moved = 1e6 * self._unnoticed(None)
             said.append(
-                f"B not judged in {100.0 * self.without_drift_test():.0f} % of the record ({', '.join(left_out)}): the "
-                f"response is at {self.resonance_gain:g} of the input or more (resonant)"
+                f"slow drifts not judged ({', '.join(slow)}): the bias moved by {moved:.3g} um, too slowly for B"
             )
+        left_out = [axis for axis in self.oscillation if self.without_search(axis) > 1.0 - NEARLY_ALL]
+        if left_out:
+            share, where = self.without_search(), ", ".join(left_out)
+            said.append(f"C not judged in {100.0 * share:.0f} % of the record ({where}): {self._no_search(left_out)}")
         unknown = [axis for axis, known in self.contact.items() if not known]
         if unknown:
             where = "" if len(unknown) == len(self.contact) else f" ({', '.join(unknown)})"
             said.append(f"D not judged{where}: the clearance is not known")
         return tuple(said)
 
+    def _unnoticed(self, axis: str | None) -> float:
+        """How far the bias of an axis moved too slowly for B (m); by default the largest value of all."""
+        return max((counted.unnoticed for name, counted in self.drift.items() if axis in (None, name)), default=0.0)
+
+    def _no_test(self, axes: Sequence[str]) -> str:
+        """Why B was not judged on axes."""
+        return _main_reasons(
+            {
+                f"the response is at {self.resonance_gain:g} of the input or more (resonant)": sum(
+                    self.drift[axis].resonant for axis in axes
+                ),
+                "the reference itself moves slowly": sum(self.drift[axis].moving for axis in axes),
+            }
+        )
+
+    def _no_search(self, axes: Sequence[str]) -> str:
+        """Why C was not judged on axes."""
+        return _main_reasons(
+            {
+                "a slow line may be a beat of the input with the sample rate": sum(
+                    self.oscillation[axis].beating for axis in axes
+                ),
+                "a slow line may be a response, since the input is not a sine": sum(
+                    self.oscillation[axis].responding for axis in axes
+                ),
+            }
+        )
+
     @property
     def as_dict(self) -> dict[str, object]:
-        """Plain values: the share of the updates without a test for B by axis, the axes without one for D, in words."""
+        """Plain values: shares of the updates without a test for B and C by axis, axes without one for D, in words."""
         return {
             "B": {axis: self.without_drift_test(axis) for axis in self.drift},
+            "C": {axis: self.without_search(axis) for axis in self.oscillation},
             "D": [axis for axis, known in self.contact.items() if not known],
             "reasons": list(self.reservations),
         }
+
+
+def _main_reasons(updates: Mapping[str, int]) -> str:
+    """The reasons without those that are rare, by the updates that were left out for each."""
+    total = sum(updates.values())
+    return "; ".join(reason for reason, count in updates.items() if count >= MAIN * total)

@@ -119,9 +119,7 @@ def layout_of(machine: Machine) -> Layout:
     for bearing in machine.bearings:
         axes = tuple(machine.axis_names[column] for column in machine.columns_of(bearing.name))
         if axes:
-            bearings.append(
-                MonitoredBearing(bearing.name, axes, bearing.clearance if bearing.clearance > 0 else math.inf)
-            )
+            bearings.append(MonitoredBearing(bearing.name, axes, _known(bearing.clearance)))
     return Layout(machine.axis_names, tuple(bearings))
 
 
@@ -135,8 +133,8 @@ def layout_without_machine(axes: tuple[str, ...], clearance: Mapping[str, float]
     axes : tuple of str
         Names of the axes.
     clearance : mapping of str to float, optional
-        By axis, where it is known: displacement at which the rotor touches its bearing (m). None if it is known for no
-        axis.
+        By axis, where it is known: displacement at which the rotor touches its bearing (m); one that is no positive
+        number is unknown. None if it is known for no axis.
 
     Returns
     -------
@@ -146,7 +144,7 @@ def layout_without_machine(axes: tuple[str, ...], clearance: Mapping[str, float]
     known = clearance or {}
 
     def bearing(name: str, *of: str) -> MonitoredBearing:
-        return MonitoredBearing(name, of, min(known.get(axis, math.inf) for axis in of))
+        return MonitoredBearing(name, of, min(_known(known.get(axis, math.inf)) for axis in of))
 
     if len(axes) == 2:
         return Layout(axes, (bearing("a", *axes),))
@@ -161,6 +159,11 @@ def layout_without_machine(axes: tuple[str, ...], clearance: Mapping[str, float]
         else:
             bearings.append(bearing(axis, axis))
     return Layout(axes, tuple(bearings))
+
+
+def _known(clearance: float) -> float:
+    """A clearance (m), infinite if it is no positive number."""
+    return clearance if clearance > 0.0 else math.inf
 
 
 ONE_BEARING = layout_without_machine(("x", "y"))

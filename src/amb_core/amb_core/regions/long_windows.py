@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.regions.evidence import LineEvidence
+from amb_core.regions.judged import OtherCause
 from amb_core.regions.slow_signal import INAUDIBLE, least_squares, line_table, variance_change
 
 LOWEST = 0.5  # Hz, of an oscillation: slower ones cannot be distinguished from drift within seconds
@@ -122,11 +123,12 @@ def push(
 
 @dataclass(frozen=True)
 class SlowLine:
-    """What a window shows: a line's amplitude (m), frequency (Hz), and its age in decimated samples."""
+    """What a window shows: a line's amplitude (m), frequency (Hz), its age in decimated samples, and Fisher's test."""
 
     amplitude: float
     frequency: float
     age: int
+    significant: bool
 
 
 class LongWindow:
@@ -144,6 +146,13 @@ class LongWindow:
         False alarms (1/s) that noise alone may cause.
     hold : float
         Time without evidence after which an oscillation is over (s).
+
+    Attributes
+    ----------
+    evidence : LineEvidence
+        The tests so far.
+    cause : OtherCause or None
+        What the line of the latest test may be, other than a slow oscillation.
     """
 
     def __init__(
@@ -157,6 +166,7 @@ class LongWindow:
         level = alarm_rate * every * length * sample_time / lines
         self._critical = 1.0 - level ** (1.0 / (lines - 1))
         # A jump of the bias leaves the window after one window's time.
+        self.cause: OtherCause | None = None
         self.evidence = LineEvidence(EVALUATIONS + 1, 2, max(math.ceil(hold / self._time * EVALUATIONS), 2))
 
     def responds(self) -> bool:
@@ -164,27 +174,33 @@ class LongWindow:
         return float(np.ptp(self._blocks[:, 1])) > INAUDIBLE
 
     def beats(self, rate: float, orders: int) -> bool:
-        """Whether a harmonic of a sine folds at this sample rate (Hz) into the band, for a large part of the window."""
+        """Whether a harmonic of a sine folds at this sample rate (Hz) into the band, for a large part of the window.
+
+        One that folds to zero, as the tenth of a sine at a tenth of the rate, only moves the bias.
+        """
         sine = self._blocks[np.isfinite(self._blocks[:, 2]), 2]  # infinite: no input yet
         harmonics = np.arange(2, orders + 1)[:, None] * sine
-        folded = np.abs(harmonics - np.round(harmonics / rate) * rate)
-        return bool(((folded < REFERENCE / self._time).sum(axis=1) > BEATING * BLOCKS).any())
+        turns = np.round(harmonics / rate)
+        folded = np.abs(harmonics - turns * rate)
+        within = (turns > 0.0) & (folded > 1.0 / self._time) & (folded < REFERENCE / self._time)
+        return bool((within.sum(axis=1) > BEATING * BLOCKS).any())
 
     def lowest_input(self) -> float:
         """Lowest frequency of the input within the window (Hz)."""
         return float(self._blocks[:, 2].min())
 
     def find(self, highest: float, smallest: float) -> SlowLine | None:
-        """The line up to a frequency (Hz), from an amplitude (m) onwards, if there is one."""
+        """The largest line up to a frequency (Hz), if it has an amplitude (m) or more."""
         last = min(LAST, highest * self._time)
         if last < FIRST:
             return None
         residual = np.empty(BLOCKS)
         remove_drift(self._blocks[:, 0].copy(), residual)
         amplitude, line, share = largest_line(residual, FIRST, last, REFERENCE, TABLE)
-        if amplitude < smallest or share < self._critical:
+        if amplitude < smallest:
             return None
-        return SlowLine(amplitude, line / self._time, (BLOCKS - variance_change(residual)) * self._length)
+        age = (BLOCKS - variance_change(residual)) * self._length
+        return SlowLine(amplitude, line / self._time, age, share >= self._critical)
 
 
 class LongWindows:
@@ -214,6 +230,7 @@ class LongWindows:
         self._filled, self._known = np.zeros((2, len(self.windows)), np.int64)
         for window in self.windows:
             window.evidence.reset()
+            window.cause = None
 
     def add(self, samples: NDArray[np.float64]) -> list[tuple[LongWindow, int]]:
         """Add samples as for `push`; the windows to test, with the number of samples since their last block."""

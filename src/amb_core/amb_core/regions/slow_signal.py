@@ -22,7 +22,7 @@ from scipy.special import i0
 TAPS = 16  # decimated samples of the past that the linear response reaches back
 HARMONICS = 3  # highest harmonic removed from the position; the first is part of the linear response
 BEATS = 3  # harmonics that may beat at the same time
-ENVELOPE = 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
+CONSTANT, ENVELOPE = 1, 4  # coefficients of the polynomial that a beat's amplitude and phase follow over the window
 INAUDIBLE = 1e-8  # m: a decimated reference that moves less has no visible effect on the position
 RIDGE = 1e-9  # relative to the power of a regressor that may resemble another
 LINE_RIDGE = 3e-3  # relative to the power of a line: less than two periods in a window hardly correct it
@@ -222,7 +222,11 @@ def repetition(reference: NDArray[np.float64]) -> int:
 
 @numba.njit(cache=True, error_model="numpy")
 def remove_beats(
-    residual: NDArray[np.float64], phase: NDArray[np.float64], orders: NDArray[np.int64], cleaned: NDArray[np.float64]
+    residual: NDArray[np.float64],
+    phase: NDArray[np.float64],
+    orders: NDArray[np.int64],
+    envelope: int,
+    cleaned: NDArray[np.float64],
 ) -> None:
     """Remove from a residual the beats of input harmonics with the sample rate, the one that explains most first.
 
@@ -234,14 +238,16 @@ def remove_beats(
         Phase of the input sine at the same steps (rad); its harmonics fold at the sample rate by themselves.
     orders : ndarray
         Harmonics that may beat.
+    envelope : int
+        Coefficients of the polynomial that amplitude and phase of a beat follow over the window.
     cleaned : ndarray, shape (n,)
         Receives what is left (m).
     """
     samples = len(residual)
     cleaned[:] = residual
-    columns = np.empty((2 * ENVELOPE, samples))
-    solution = np.empty(2 * ENVELOPE)
-    ridge = np.full(2 * ENVELOPE, RIDGE * samples)
+    columns = np.empty((2 * envelope, samples))
+    solution = np.empty(2 * envelope)
+    ridge = np.full(2 * envelope, RIDGE * samples)
     trial = np.empty(samples)
     best_trial = np.empty(samples)
     for _ in range(min(BEATS, len(orders))):
@@ -251,13 +257,13 @@ def remove_beats(
             for k in range(samples):
                 time = 2.0 * k / (samples - 1) - 1.0
                 columns[0, k], columns[1, k] = np.cos(order * phase[k]), np.sin(order * phase[k])
-                for i in range(2, 2 * ENVELOPE):
+                for i in range(2, 2 * envelope):
                     columns[i, k] = columns[i - 2, k] * time
             least_squares(columns, cleaned, ridge, solution)
             left = 0.0
             for k in range(samples):
                 trial[k] = cleaned[k]
-                for i in range(2 * ENVELOPE):
+                for i in range(2 * envelope):
                     trial[k] -= solution[i] * columns[i, k]
                 left += trial[k] ** 2
             if left < least:

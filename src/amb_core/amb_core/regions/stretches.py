@@ -22,14 +22,17 @@ class Stretch:
 def stretches(states: Sequence[RegionState]) -> list[Stretch]:
     """The stretches in the states of a run, in order; between them are gaps in the telemetry.
 
-    A stretch begins at the estimated onset of its region, which is earlier than the state that first reports it. The
-    time before B and C can first be found counts as A if it turns out to be A. It is left out if it ends before.
+    A stretch begins at the estimated onset of its region, which is earlier than the state that first reports it. After
+    a higher region it begins when that one ends: its onset may lie before it, or even before the higher one. The time
+    before B and C can first be found counts as A if it turns out to be A. It is left out if it ends before.
     """
     joined: list[Stretch] = []
     for state in states:
         if state.region is Region.A and not state.settled:
             continue
         first, stop = state.since.step, state.step + 1
+        if joined and state.region < joined[-1].region:
+            first = max(first, joined[-1].stop)  # a region that the higher one only hid continues after it
         while joined and joined[-1].region != state.region and joined[-1].first_step >= first:
             joined.pop()  # remove all of it: the new region began even earlier
         if joined and joined[-1].region == state.region and joined[-1].stop >= first:

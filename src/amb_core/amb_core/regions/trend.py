@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 LEVELS = 6
+FEWEST_POINTS = 12  # of the shortest test: its thirds need four, or the variance about their lines is not known
 ABRUPT = 0.25  # squares left by a jump over those left by a kink, below which the trend begins at the jump
 
 
@@ -189,7 +190,7 @@ class TrendTest:
     Parameters
     ----------
     points : int
-        Bias points of the shortest test.
+        Bias points of the shortest test, `FEWEST_POINTS` or more.
     interval : float
         Time between bias points (s).
     false_alarm_rate : float
@@ -213,6 +214,16 @@ class TrendTest:
     def count(self) -> int:
         """Points since the last reset, as far as they are kept."""
         return self._count
+
+    @property
+    def incomplete(self) -> int:
+        """Points since the last reset, if they are too few for a test; otherwise 0."""
+        return self._count if self._count < self.points else 0
+
+    @property
+    def longest(self) -> int:
+        """Points of the longest test."""
+        return self.points << (LEVELS - 1)
 
     def reset(self) -> None:
         """Forget all points."""

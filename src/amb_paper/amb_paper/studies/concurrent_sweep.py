@@ -10,6 +10,7 @@ from amb_core.excitation import Sweep
 from amb_core.ground.units import UM
 from amb_core.identification import simulate_closed_loop
 from amb_core.identification.focus.sweep_error import SweepError, sweep_error
+from amb_core.plant import PlantParameters
 from amb_core.regions import Classification, Region, classify
 from amb_core.report.figures.sweep import onset_text, sweep_chart
 from amb_core.report.figures.sweep_error import sweep_error_chart
@@ -49,7 +50,8 @@ class ConcurrentSweep(Study):
         assert signal.frequency is not None
         frequency = signal.frequency[: measured.steps]
         known = np.concatenate([np.full(SETTLING, np.nan), frequency])
-        classification = classify(without.record, delevitated=without.delevitated, frequency=known)
+        clearance = dict.fromkeys(without.record.axes, PlantParameters().rotor.backup_bearing_radius)
+        classification = classify(without.record, clearance=clearance, delevitated=without.delevitated, frequency=known)
         errors = sweep_error(measured, simulated, frequency)
         title = "Sweep on both axes: plant and model from square waves"
         chart = sweep_chart(without.record, classification, known, over="frequency", model=simulated, title=title)

@@ -122,7 +122,7 @@ class ConfirmationSettings(Parameters):
     dwell: float = quantity(
         4.0,
         "s",
-        "time at the fixed frequency; a drift of the classifier's threshold within it counts as region B",
+        "time at the fixed frequency; a drift of 4/3 of the classifier's threshold within it counts as region B",
         1.0,
         600.0,
     )
