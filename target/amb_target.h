@@ -131,7 +131,7 @@ struct amb_target {
 };
 
 /* False if the configuration is for another machine than this code is compiled for, has a number that is none, a limit
- * that is not positive, or a key of fewer than 16 bytes. */
+ * that is not positive, no limit of the current, too low a reference slew to land, or a key of fewer than 16 bytes. */
 bool amb_init(struct amb_target *t, const struct amb_config *config, void *board);
 void amb_control_step(struct amb_target *t); /* once per sample, at the highest priority */
 void amb_poll(struct amb_target *t);         /* as often as possible, in the background: receives and sends */

@@ -57,15 +57,15 @@ static enum amb_code levitate(struct amb_target *t, double seconds) {
     return AMB_DONE;
 }
 
-/* In no time: off, at once, whatever goes on. A landing can be shortened, but not drawn out. */
+/* In no time: off, at once, whatever goes on. A landing can be shortened, but not drawn out: every step moves it on. */
 static enum amb_code land(struct amb_target *t, double seconds) {
+    bool landing = t->state == AMB_LANDING;
+    if (seconds > 0.0 && !amb_levitating(t)) return AMB_WRONG_STATE;
     if (seconds == 0.0) {
         if (amb_levitating(t)) t->state = AMB_OFF;
         amb_apply(t);
-        return AMB_DONE;
-    }
-    if (!amb_levitating(t)) return AMB_WRONG_STATE;
-    if (t->state != AMB_LANDING || amb_steps(t, seconds) < t->ramp_left) amb_ramp(t, AMB_LANDING, seconds);
+    } else if (!landing || amb_steps(t, seconds) < t->ramp_left)
+        amb_ramp(t, AMB_LANDING, seconds), t->ramp_left -= landing && t->ramp_left;
     return AMB_DONE;
 }
 
@@ -93,6 +93,8 @@ static enum amb_code new_limits(const struct amb_target *t, const double *value)
     for (size_t i = 0; i < AMB_LIMITS; i++)
         if (!(value[i] > 0.0 && value[i] <= t->config->limits[i])) return AMB_BAD_VALUE;
     if (value[AMB_LOCK_TIME] != t->config->limits[AMB_LOCK_TIME]) return AMB_BAD_VALUE; /* less of it protects less */
+    for (size_t a = 0; a < t->config->axes; a++) /* through the whole clearance within a minute: every landing ends */
+        if (t->config->axis[a].number[AMB_CLEARANCE] > 30.0 * value[AMB_REFERENCE_SLEW]) return AMB_BAD_VALUE;
     if (!amb_levitating(t)) return AMB_DONE;
     for (size_t i = 0; i < AMB_LIMITS; i++)
         if (value[i] != t->limits[i] && !(passive >> i & 1)) return AMB_WRONG_STATE;

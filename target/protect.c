@@ -41,7 +41,7 @@ void amb_watch(struct amb_target *t) {
     }
     gone = gone && amb_levitating(t) && t->state != AMB_LANDING;
     bool excited = t->excitation == AMB_ARMED || t->excitation == AMB_PLAYING;
-    if (gone || (excited && silence >= amb_steps(t, t->limits[AMB_HOST_TIME])))
+    if (gone || (excited && silence / t->config->sample_rate >= t->limits[AMB_HOST_TIME]))
         amb_trip(t, AMB_HOST_SILENT, 0, silence);
     if (gone) amb_ramp(t, AMB_LANDING, t->limits[AMB_SETTLE_TIME]);
 }
@@ -80,13 +80,12 @@ static void displacement(struct amb_target *t) {
     for (size_t a = 0; a < t->config->axes; a++) {
         if (t->group[a] != a) continue;
         double clearance = t->config->axis[a].number[AMB_CLEARANCE];
-        double farthest = t->limits[AMB_TRIP_SHARE] * clearance;
+        double distance = amb_radius(t, a, t->sensors.position, around) / clearance;
         t->share[a] = amb_radius(t, a, t->sensors.position, NULL) / clearance;
         t->alarm = t->alarm || t->share[a] > t->limits[AMB_ALARM_SHARE];
-        bool away = on && t->begun && amb_radius(t, a, t->sensors.position, around) > farthest;
-        t->away[a] = away ? t->away[a] + 1 : 0;
-        bool beyond = t->share[a] > limit || (away && t->away[a] >= longest);
-        if (on && beyond) amb_trip(t, AMB_DISPLACEMENT, a, t->share[a]);
+        bool away = on && t->begun && distance > t->limits[AMB_TRIP_SHARE], beyond = on && t->share[a] > limit;
+        t->away[a] = away ? t->away[a] + (t->away[a] < AMB_FOREVER - 1) : 0;
+        if (beyond || (away && t->away[a] >= longest)) amb_trip(t, AMB_DISPLACEMENT, a, beyond ? t->share[a] : distance);
     }
 }
 
@@ -95,7 +94,7 @@ static void sensor(struct amb_target *t, size_t a) {
     /* A rotor that lies on its backup bearing may stand still. */
     bool moves = t->state == AMB_LEVITATED || (amb_levitating(t) && t->share[t->group[a]] <= t->limits[AMB_TRIP_SHARE]);
     bool same = moves && memcmp(&position, &t->before[a], sizeof position) == 0;
-    t->stuck[a] = same ? t->stuck[a] + 1 : 0;
+    t->stuck[a] = same ? t->stuck[a] + (t->stuck[a] < AMB_FOREVER - 1) : 0;
     t->before[a] = position;
     if (!(fabs(position) <= t->limits[AMB_SENSOR_LIMIT])) amb_trip(t, AMB_SENSOR_RANGE, a, position); /* NaN too */
     if (same && t->stuck[a] >= amb_steps(t, t->limits[AMB_STUCK_TIME])) amb_trip(t, AMB_SENSOR_STUCK, a, position);
@@ -109,13 +108,13 @@ void amb_protect(struct amb_target *t) {
     displacement(t);
     for (size_t a = 0; a < t->config->axes; a++) { /* the current that has flowed since the step before */
         bool full = on && fabs(t->current[a]) >= t->limits[AMB_CURRENT_LIMIT];
-        t->saturated[a] = full ? t->saturated[a] + 1 : 0;
+        t->saturated[a] = full ? t->saturated[a] + (t->saturated[a] < AMB_FOREVER - 1) : 0;
         if (full && t->saturated[a] >= longest) amb_trip(t, AMB_SATURATED, a, t->current[a]);
     }
     for (size_t c = 0; c < t->config->coils; c++) {
         double coil = t->sensors.coil[c];
         bool above = !(fabs(coil) <= t->limits[AMB_COIL_LIMIT]);
-        t->over[c] = above ? t->over[c] + (t->over[c] < UINT32_MAX) : 0;
+        t->over[c] = above ? t->over[c] + (t->over[c] < AMB_FOREVER - 1) : 0;
         if (above && t->over[c] >= over) amb_trip(t, AMB_OVER_CURRENT, c, coil);
     }
     if (!(t->sensors.temperature <= t->limits[AMB_TEMPERATURE_LIMIT]))

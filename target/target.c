@@ -6,17 +6,18 @@ enum { ROWS = AMB_HEADER + 8, FLOAT64 = 1, COILS = 2, STATUS = 4 };
 static bool usable(double value) { return value > 0.0 && isfinite(value); }
 
 /* Whether axes of one bearing agree about it, and all numbers are such that every comparison with them means something.
- * A limit may be infinite: never. Axial positions may be unknown (NaN). */
+ * A limit but that of the current may be infinite: never. Axial positions may be unknown (NaN). */
 static bool sound(const struct amb_config *config) {
     if (!config->axes || config->axes > AMB_AXES || config->coils > 2 * AMB_AXES) return false;
     if (config->key_length > AMB_KEY || (config->key_length && config->key_length < AMB_SHORTEST_KEY)) return false;
-    if (!usable(config->sample_rate)) return false;
+    if (!usable(config->sample_rate) || !usable(config->limits[AMB_CURRENT_LIMIT])) return false;
     if ((config->waveform_size && !config->waveform) || (config->record_words && !config->record)) return false;
     for (size_t i = 0; i < AMB_LIMITS; i++)
         if (!(config->limits[i] > 0.0)) return false;
     for (const struct amb_axis *axis = config->axis; axis < config->axis + config->axes; axis++) {
         const double *gains = config->gains[axis - config->axis];
-        if (!usable(axis->number[AMB_CLEARANCE])) return false;
+        double clearance = axis->number[AMB_CLEARANCE];
+        if (!usable(clearance) || clearance > 30.0 * config->limits[AMB_REFERENCE_SLEW]) return false;
         for (size_t i = AMB_DIRECTION; i < AMB_CLEARANCE; i++)
             if (!isfinite(axis->number[i])) return false;
         for (size_t i = 0; i < AMB_GAINS; i++)
@@ -31,8 +32,7 @@ static bool sound(const struct amb_config *config) {
 bool amb_init(struct amb_target *t, const struct amb_config *config, void *board) {
     if (!sound(config)) return false;
     memset(t, 0, sizeof *t);
-    t->config = config;
-    t->board = board;
+    t->config = config, t->board = board;
     t->period = (uint64_t)(1e9 / config->sample_rate + 0.5);
     memcpy(t->limits, config->limits, sizeof t->limits);
     memcpy(t->gains, config->gains, sizeof t->gains);
@@ -100,8 +100,7 @@ static uint8_t *put_values(uint8_t *p, const double *values, size_t count, bool 
 static void record(struct amb_target *t) {
     size_t axes = t->config->axes;
     bool wide = t->options & FLOAT64;
-    uint32_t flags = (uint32_t)t->alarm << 3 | (uint32_t)t->excitation << 4 | (uint32_t)t->trips << 8;
-    uint32_t status = (uint32_t)t->state | flags;
+    uint32_t status = (uint32_t)t->state | (uint32_t)t->alarm << 3 | (uint32_t)t->excitation << 4 | (uint32_t)t->trips << 8;
     amb_remember(t, status);
     if (!t->per_frame) return;
     if (!t->filled) t->first[t->filling] = t->step;

@@ -19,6 +19,10 @@ void turned_back(double cosine, double sine, double *x, double *y) {
 
 double calibrated_current(double offset, double gain, double code) { return gain * (code - offset); }
 
+double calibrated_temperature(double full, double last, double code) {
+    return code > 0.0 && code < last ? full * code / last : (double)NAN;
+}
+
 uint32_t compare_value(double current, double full, uint32_t period, int enabled) {
     if (!enabled || !(current > 0.0)) return 0;
     return current < full ? (uint32_t)(current / full * period) : period;

@@ -14,6 +14,9 @@ double calibrated_position(const struct position_calibration *c, double code);
 void turned_back(double cosine, double sine, double *x, double *y);
 /* A coil current by offset (code at no current) and gain (A a code). */
 double calibrated_current(double offset, double gain, double code);
+/* A temperature (deg C) of a converter whose last code stands for `full`, which is above the limit of the target. NaN at
+ * either end, where the thermistor is open or shorted: the target trips. */
+double calibrated_temperature(double full, double last, double code);
 /* Compare value of a PWM timer that counts to `period`, for a coil current reference of which `full` (A) is the largest
  * that the amplifier takes; 0 while disabled, or if it is not a number. */
 uint32_t compare_value(double current, double full, uint32_t period, int enabled);

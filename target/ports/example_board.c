@@ -4,12 +4,12 @@
 #include "stream.h"
 #include "calibration.h"
 
-enum { AXES = 2, PERIOD = 1000, RING = 4096, FULL_TEMPERATURE = 4096 };
+enum { AXES = 2, PERIOD = 1000, RING = 4096, LAST_CODE = 4095 };
 
 extern volatile struct {
     uint16_t position[AXES], coil[2 * AXES], temperature; /* converters, triggered by the sample timer */
     uint32_t compare[2 * AXES];                           /* PWM timer */
-    uint32_t pins, fault_pins, cycles, cycles_high, random, watchdog, interrupts;
+    uint32_t pins, fault_pins, cycles, cycles_high, random, random_ready, watchdog, interrupts;
 } registers;
 bool usb_write(const uint8_t *bytes, size_t count); /* of the driver: false if it has no room */
 extern volatile uint8_t ring[RING];                 /* filled by the driver's interrupt up to ring_end */
@@ -17,7 +17,8 @@ extern volatile size_t ring_end;
 
 static const struct position_calibration sensor[AXES] = {
     {3, {410, 2050, 3690}, {-300e-6, 2e-6, 300e-6}}, {3, {395, 2040, 3705}, {-300e-6, -1e-6, 300e-6}}};
-static const double BIAS = 2.5, FULL_CURRENT = 10.0, COSINE = 0.70710678118654752, SINE = 0.70710678118654752;
+static const double BIAS = 2.5, FULL_CURRENT = 10.0, FULL_TEMPERATURE = 200.0, COSINE = 0.70710678118654752,
+                    SINE = 0.70710678118654752;
 static const uint32_t AMPLIFIERS_ON = 1u << 3, AMPLIFIER_FAULT = 1u << 4;
 
 /* ADC: scale, linearise, turn the sensors at 45 degrees into the axes of the magnets; coils +x, -x, +y, -y. */
@@ -26,7 +27,7 @@ void board_read_sensors(void *board, struct amb_sensors *s) {
     for (int i = 0; i < AXES; i++) s->position[i] = calibrated_position(&sensor[i], registers.position[i]);
     turned_back(COSINE, SINE, &s->position[0], &s->position[1]);
     for (int i = 0; i < 2 * AXES; i++) s->coil[i] = calibrated_current(2048, 0.005, registers.coil[i]);
-    s->temperature = 100.0 * registers.temperature / FULL_TEMPERATURE;
+    s->temperature = calibrated_temperature(FULL_TEMPERATURE, LAST_CODE, registers.temperature);
     s->amplifier_fault = (registers.fault_pins & AMPLIFIER_FAULT) != 0;
 }
 
@@ -55,9 +56,13 @@ uint64_t board_time(void *board) {
     return ((uint64_t)high << 32 | low) * 5 / 2;
 }
 
+/* Generator: each number only once it is ready, or the same one is drawn again. */
 void board_random(void *board, uint8_t *bytes, size_t count) {
     (void)board;
-    for (size_t i = 0; i < count; i++) bytes[i] = (uint8_t)registers.random;
+    for (size_t i = 0; i < count; i++) {
+        while (!registers.random_ready) {}
+        bytes[i] = (uint8_t)registers.random;
+    }
 }
 
 /* Transport: a USB port as a byte stream. */

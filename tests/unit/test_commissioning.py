@@ -304,8 +304,8 @@ class OtherwiseLanded(LockStepLink):
         super().land(seconds)
 
 
-def bench_behind(link: LockStepLink) -> commissioning.Bench:
-    settings = TargetSettings(ControllerParameters(), validate(LimitParameters, {}).with_current(3.0), ())
+def bench_behind(link: LockStepLink, **limits: float) -> commissioning.Bench:
+    settings = TargetSettings(ControllerParameters(), validate(LimitParameters, limits).with_current(3.0), ())
     rig = commissioning.Bench(link, lambda _: settings, lambda step: link.advance(max(step - link.steps, 0)))
     link.advance(50)
     return rig
@@ -338,13 +338,58 @@ def test_a_first_lift_that_cannot_go_on_lands_the_rotor(
         raise problem
 
     monkeypatch.setattr(rig, "excite", excite)
-    if isinstance(problem, LostSamplesError):
-        with pytest.raises(LostSamplesError):
-            first_lift.levitated(rig, expected, 0.2, moved=False)
-    else:
-        assert [one.fault for one in first_lift.levitated(rig, expected, 0.2, moved=False)] == ["unstable loop"]
+    with pytest.raises(type(problem), match=str(problem)):
+        first_lift.levitated(rig, expected, 0.2, moved=False)
     assert link.landings == [0.2], "it fell"
     assert link.status().state is TargetState.OFF
+
+
+def test_a_loop_that_is_not_levitated_any_more_when_it_is_excited_is_unstable(
+    expected: Expected, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = OtherwiseLanded()
+    rig = bench_behind(link)
+
+    def excite(_samples: np.ndarray) -> NoReturn:
+        link.land(0.0)  # as a trip does
+        raise TargetError("ARM was refused")
+
+    monkeypatch.setattr(rig, "excite", excite)
+    assert [one.fault for one in first_lift.levitated(rig, expected, 0.2, moved=False)] == ["unstable loop"]
+
+
+def test_settings_that_are_refused_before_the_first_lift_are_no_trip(
+    expected: Expected, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = OtherwiseLanded()
+    rig = bench_behind(link)
+
+    def refuse(_settings: TargetSettings) -> NoReturn:
+        raise TargetError("PARAMETERS were refused")
+
+    monkeypatch.setattr(link, "configure", refuse)
+    with pytest.raises(TargetError, match="PARAMETERS were refused"):
+        first_lift.levitated(rig, expected, 0.2, moved=False)
+
+
+@pytest.mark.parametrize(
+    ("limits", "unchecked"),
+    [
+        (
+            {"excitation_amplitude": 5e-6},
+            ["whether the amplifier of x saturates", "whether the amplifier of y saturates"],
+        ),
+        ({"excitation_slew": 0.01}, ["whether the amplifier of x saturates", "whether the amplifier of y saturates"]),
+        ({"excitation_amplitude": 1e-6}, ["gains, delays and angles of the levitated rotor"]),
+    ],
+)
+def test_what_the_excitation_limits_of_a_healthy_rig_do_not_allow_is_not_checked(
+    limits: dict[str, float], unchecked: list[str], expected: Expected
+) -> None:
+    link, left_out = OtherwiseLanded(), list[str]()
+    assert first_lift.levitated(bench_behind(link, **limits), expected, 0.2, False, left_out) == []
+    assert [text.split(":")[0] for text in left_out] == unchecked
+    assert link.landings == [0.2]
 
 
 def test_a_rotor_that_the_target_does_not_land_is_switched_off() -> None:

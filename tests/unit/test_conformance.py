@@ -9,7 +9,7 @@ import pytest
 from amb_core.ground.errors import TargetError
 from amb_core.rig.link.conformance import Exchange, check_target
 from tests.served_emulator import ServedEmulator
-from tests.soak.conformance import FAULTS, named
+from tests.soak.conformance import FAULTS, Planted, named
 
 
 def test_the_example_keeps_to_the_protocol() -> None:
@@ -21,6 +21,19 @@ def test_the_example_keeps_to_the_protocol() -> None:
 )
 def test_a_planted_fault_is_named(name: str) -> None:
     assert FAULTS[name].check in {one.check for one in named(FAULTS[name])}
+
+
+@pytest.mark.parametrize("length", [3, 30, 33])  # within the header, without a body, with one byte of it
+def test_an_answer_that_is_cut_is_no_reply(length: int) -> None:
+    cut = Planted(
+        "command.c",
+        "if (type < AMB_HEARTBEAT || type > AMB_RECORD) return AMB_UNKNOWN;",
+        "if (type < AMB_HEARTBEAT || type > AMB_RECORD) {\n"
+        "        t->io[5] = AMB_REPLY, t->io[AMB_SEALED] = type;\n"
+        f"        board_send(t->board, t->io, {length}, from);\n        return AMB_SILENT;\n    }}",
+        "refusals",
+    )
+    assert "an unknown type that is genuine has no reply" in {one.text for one in named(cut)}
 
 
 def test_a_target_slower_than_real_time_keeps_to_all_but_the_timing() -> None:

@@ -30,6 +30,7 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     library.calibrated_position.restype = library.calibrated_current.restype = Number
     library.calibrated_position.argtypes = [ctypes.POINTER(Position), Number]
     library.calibrated_current.argtypes = [Number] * 3
+    library.calibrated_temperature.restype, library.calibrated_temperature.argtypes = Number, [Number] * 3
     library.turned_back.argtypes = [Number] * 2 + [ctypes.POINTER(Number)] * 2
     library.compare_value.argtypes = [Number, Number, ctypes.c_uint32, ctypes.c_int]
     library.compare_value.restype = ctypes.c_uint32
@@ -69,6 +70,18 @@ def test_a_current_has_offset_and_gain(code: ctypes.CDLL) -> None:
     assert code.calibrated_current(2048.0, 0.005, 2548.0) == pytest.approx(2.5)
 
 
+@pytest.mark.parametrize(("reading", "temperature"), [(1, 200.0 / 4095), (2048, 100.024), (4094, 199.951)])
+def test_a_temperature_beyond_the_limit_of_the_target_can_be_read(
+    code: ctypes.CDLL, reading: float, temperature: float
+) -> None:
+    assert code.calibrated_temperature(200.0, 4095.0, reading) == pytest.approx(temperature, abs=1e-3)
+
+
+@pytest.mark.parametrize("reading", [0, 4095, math.nan])
+def test_a_thermistor_that_is_open_or_shorted_has_no_temperature(code: ctypes.CDLL, reading: float) -> None:
+    assert math.isnan(code.calibrated_temperature(200.0, 4095.0, reading))
+
+
 @pytest.mark.parametrize(
     ("current", "enabled", "compare"),
     [(2.5, 1, 250), (10.0, 1, 1000), (12.0, 1, 1000), (-1.0, 1, 0), (math.nan, 1, 0), (math.inf, 1, 1000), (2.5, 0, 0)],
@@ -83,3 +96,29 @@ def test_the_example_has_every_function_of_a_port(tmp_path: Path) -> None:
     named = subprocess.run(["nm", tmp_path / "o"], check=True, capture_output=True, text=True).stdout
     asked = set(re.findall(r"(board_\w+)\(", (SOURCE / "board.h").read_text()))
     assert set(re.findall(r" T (board_\w+)", named)) == asked
+
+
+HARDWARE = """
+#include "example_board.c"
+static __typeof__(*hardware()) chip; /* whose generator has a number ready at every third look, and counts them */
+__typeof__(chip) *hardware() {
+    static int looks;
+    chip.random_ready = ++looks % 3 == 0;
+    chip.random += chip.random_ready;
+    return &chip;
+}
+volatile uint8_t ring[RING];
+volatile size_t ring_end;
+bool usb_write(const uint8_t *bytes, size_t count) { return bytes && count; }
+"""
+
+
+def test_the_example_takes_every_random_number_once(tmp_path: Path) -> None:
+    ports, made = SOURCE / "ports", tmp_path / "example.so"
+    (tmp_path / "hardware.c").write_text(HARDWARE)
+    options = ["-shared", "-fPIC", f"-I{ports}", "-Dregisters=(*hardware())", "-o", made]
+    sources = [tmp_path / "hardware.c", ports / "stream.c", ports / "calibration.c"]
+    subprocess.run([*COMPILER, *options, *sources, "-lm"], check=True)
+    drawn = (ctypes.c_uint8 * 16)()
+    ctypes.CDLL(str(made)).board_random(None, drawn, ctypes.c_size_t(16))
+    assert list(drawn) == list(range(1, 17))

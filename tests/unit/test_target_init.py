@@ -37,6 +37,8 @@ def attribute(name: str, value: float) -> Callable[[Any], None]:
     [
         attribute("sample_rate", math.nan), attribute("sample_rate", math.inf), attribute("sample_rate", 0.0),
         *(put("limits", index, math.nan) for index in range(21)), put("limits", 0, 0.0), put("limits", 4, -1.0),
+        put("limits", 0, math.inf),  # a control current
+        put("limits", 15, 8e-6),  # a reference slew with which no landing ends within a minute
         *(put("gains", index, math.nan) for index in range(10)), put("gains", 0, math.inf), put("gains", 1, -1.0),
         *(number(1, index, math.nan) for index in range(2, 8)), number(0, 7, 0.0), number(0, 7, math.inf),
         number(1, 7, 300e-6),  # another clearance of the same bearing

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -12,9 +16,11 @@ from amb_core.rig.link import (
     TargetState,
     TelemetryBlock,
     TripReason,
+    build_library,
     commands,
     excitation_upload,
 )
+from amb_core.rig.link.reference import SOURCE
 from tests.target_rig import Rig
 
 NO_SETTLING = Limits(settle_time=1e-4, stuck_time=5e-4, coil_time=3e-4, lock_time=2e-3)
@@ -204,3 +210,53 @@ def test_a_machine_lands_if_its_host_is_gone_for_the_configured_time() -> None:
     assert not rig.target.enabled
     status = rig.status()
     assert (status.state, status.trips[0].reason) == (TargetState.OFF, TripReason.HOST_SILENT)
+
+
+# -- limits of time that are infinite
+
+
+@pytest.fixture
+def early(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A target that takes 500 steps for all time, so that a count gets there."""
+    source = tmp_path / "target"
+    shutil.copytree(SOURCE, source)
+    parts = source / "parts.h"
+    whole = parts.read_text()
+    assert whole.count("4000000000u") == 1
+    parts.write_text(whole.replace("4000000000u", "500u"))
+    library = build_library(tmp_path / "early.so", source=source)
+    monkeypatch.setattr("tests.target_rig.library", lambda: library)
+
+
+@pytest.mark.usefixtures("early")
+@pytest.mark.parametrize(
+    ("limits", "nominal", "position", "noise", "coil"),
+    [
+        (Limits(stuck_time=math.inf), 0.0, 1e-6, 0.0, 0.0),
+        (Limits(saturation_time=math.inf, control_current=1.0), 0.0, -60e-6, 1e-9, 0.0),
+        (Limits(lift_time=math.inf), 70e-6, -60e-6, 1e-9, 0.0),
+        (Limits(coil_time=math.inf), 0.0, 1e-6, 1e-9, 13.0),
+    ],
+    ids=["stuck", "saturated", "far from its reference", "over-current"],
+)
+def test_what_may_last_for_ever_never_trips(
+    limits: Limits, nominal: float, position: float, noise: float, coil: float
+) -> None:
+    rig = Rig(2, limits, coils=4)
+    rig.command(commands.nominal_reference((0.0, nominal)))
+    rig.target.coil_current[0] = coil
+    rig.step((0.0, position))
+    assert rig.command(commands.levitate()).code == Code.DONE
+    for number in range(1_200):
+        rig.step((noise * (number % 3), position + noise * (number % 3)))
+    assert (rig.target.enabled, trips(rig)) == (True, [])
+
+
+@pytest.mark.usefixtures("early")
+def test_a_host_may_be_silent_for_ever_where_its_time_is_infinite() -> None:
+    rig = Rig(2, Limits(settle_time=1e-4, host_time=math.inf))
+    rig.levitate()
+    assert rig.upload(excitation_upload(1, np.zeros((10, 2)))).code == Code.DONE
+    assert rig.command(commands.arm(1, 10**6)).code == Code.DONE
+    rig.noise(1_200, alive=False)
+    assert trips(rig) == []

@@ -16,12 +16,16 @@ from amb_core.ground.errors import TargetError
 from amb_core.loop.control import ControllerParameters
 from amb_core.rig.link import (
     AmbUdpLink,
+    Command,
+    FrameType,
     ReferenceTarget,
+    Reply,
     TargetDescription,
     TargetSettings,
     TargetState,
     TelemetryBlock,
 )
+from amb_core.rig.link.layout import ParameterKind
 from tests.served_emulator import ServedEmulator
 from tests.soak.on_path import resummed
 from tests.soak.recovery import recovery
@@ -223,6 +227,32 @@ def test_what_it_changes_on_a_rotor_of_its_own_is_sent_and_moves_slowly(served: 
         listener.wait_for(lambda: listener.blocks[-1].reference[-1, 1] == 40e-6)
         reference = [row for block in listener.blocks for row in block.reference[:, 1].tolist()]
         assert max(abs(after - before) for before, after in itertools.pairwise(reference)) < 1.01e-6
+    finally:
+        link.close()
+
+
+def test_what_was_taken_before_a_refusal_is_sent_again_when_the_host_goes_back(
+    served: ServedEmulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The gains are taken; the nominal reference, beyond the alarm, is not."""
+    link = AmbUdpLink(port=served.port, key=KEY, float64=True, **PATIENT)
+    limits, sent, send = levitated(link, Listener()).limits, [], link._command
+
+    def noted(command: Command) -> Reply:
+        if command.type is FrameType.PARAMETERS:
+            sent.append(ParameterKind(command.body[0]))
+        return send(command)
+
+    monkeypatch.setattr(link, "_command", noted)
+    far = ControllerParameters(proportional_gain=26_000.0, nominal_reference=(0.0, 120e-6))
+    try:
+        with pytest.raises(TargetError, match="a value is not allowed"):
+            link.configure(TargetSettings(far, limits, ()))
+        assert sent == [ParameterKind.GAINS, ParameterKind.NOMINAL_REFERENCE]
+        link.configure(TargetSettings(ControllerParameters(), limits, ()))
+        assert sent[2:] == [ParameterKind.GAINS, ParameterKind.NOMINAL_REFERENCE]
+        link.configure(TargetSettings(ControllerParameters(), limits, ()))
+        assert not sent[4:], "the target has them"
     finally:
         link.close()
 

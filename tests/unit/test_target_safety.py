@@ -246,6 +246,17 @@ def test_a_rotor_that_does_not_lift_off_is_given_up_before_the_ramp_ends() -> No
     assert steps == pytest.approx(5_000 + 2_000, abs=10)  # half the ramp is beyond the trip share, and the lift time
 
 
+def test_a_trip_by_the_lift_time_has_the_distance_from_the_reference() -> None:
+    rig = Rig(2, Limits(lift_time=0.005))
+    rig.command(commands.nominal_reference((0.0, 100e-6)))
+    rig.step((0.0, 100e-6))
+    rig.command(commands.levitate(0.0))
+    for number in range(60):
+        rig.step((1e-9 * (number % 3), -40e-6))
+    (trip,) = rig.status().trips
+    assert (trip.reason, trip.value) == (TripReason.DISPLACEMENT, pytest.approx(140e-6 / 250e-6, abs=1e-4))
+
+
 def test_a_current_at_its_limit_is_not_kept_there() -> None:
     rig = Rig(2)
     rig.step((0.0, -250e-6))
@@ -338,6 +349,33 @@ def test_a_landing_can_be_shortened_and_not_drawn_out() -> None:
     rig.command(commands.delevitate(60.0))
     rig.noise(12)
     assert not rig.target.enabled
+
+
+@pytest.mark.parametrize("seconds", [1e-4, 1e-5])
+@pytest.mark.parametrize("every", [1, 2, 7])
+def test_a_landing_that_is_commanded_again_and_again_ends_no_later_and_keeps_its_slew(
+    seconds: float, every: int
+) -> None:
+    """At 1 um a step the landing reference is 200 steps away."""
+    rig = levitated()
+    rig.command(commands.landing_reference((0.0, -200e-6)))
+    rig.command(commands.stream(1, 1))
+    reference, steps = [0.0], 0
+    while rig.target.enabled and steps < 1_000:
+        if steps % every == 0:
+            rig.command(commands.delevitate(seconds))
+        rig.step((1e-9 * (steps % 3), reference[-1] + 1e-9 * (steps % 3)))
+        reference += [item.reference[-1, 1] for item in rig.answers() if isinstance(item, TelemetryBlock)]
+        steps += 1
+    assert (rig.status().state, reasons(rig)) == (TargetState.OFF, [])
+    assert steps <= 202  # one to begin, one for a last fraction of the slew
+    assert np.abs(np.diff(reference[:-1])).max() <= SLEW / RATE * (1.0 + 1e-9)
+
+
+def test_a_reference_slew_with_which_no_landing_ends_is_refused() -> None:
+    """From one end of the clearance of 250 um to the other in a minute at least."""
+    assert code(Rig(2), commands.limits(Limits(reference_slew=9e-6))) == Code.DONE
+    assert code(Rig(2), commands.limits(Limits(reference_slew=8e-6))) == Code.BAD_VALUE
 
 
 def test_a_trip_switches_the_hardware_enable_off_in_its_step() -> None:

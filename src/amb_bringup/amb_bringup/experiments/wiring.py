@@ -107,8 +107,15 @@ class Wiring:
     def lift(self) -> list[Check]:
         """Lift the rotor for some seconds."""
         seconds = self._parameters.levitation_time
-        findings = _whole(lambda: levitated(self.bench, self._expected, seconds, self._confirm is not None))
-        return _checks(Diagnosis(findings))
+
+        def lifted() -> Diagnosis:
+            result = Diagnosis(levitated=True)
+            result.findings += levitated(
+                self.bench, self._expected, seconds, self._confirm is not None, result.unchecked
+            )
+            return result
+
+        return _checks(_whole(lifted))
 
     def _by_hand(self, bench: Bench) -> Mapping[str, Mapping[str, NDArray[np.float64]]]:
         assert self._confirm is not None

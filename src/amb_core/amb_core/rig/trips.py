@@ -17,7 +17,9 @@ class BridgeTrip(IntEnum):
 
 
 _TEXTS: dict[int, str] = {
-    TripReason.DISPLACEMENT: "radial displacement at {axis}: {percent:.0f} % of the clearance",
+    TripReason.DISPLACEMENT: (
+        "radial displacement at {axis}, or distance from its reference: {percent:.0f} % of the clearance"
+    ),
     TripReason.SENSOR_RANGE: "position sensor {axis} out of range: {um:.4g} um",
     TripReason.SENSOR_STUCK: "position sensor {axis} stuck at {um:.4g} um",
     TripReason.OVER_CURRENT: "over-current in coil {number}: {value:.3g} A",

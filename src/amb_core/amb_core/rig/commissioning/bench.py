@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.ground.errors import TargetError
+from amb_core.ground.units import UM
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters
 from amb_core.loop.records import LoopRecord
@@ -26,8 +27,8 @@ from amb_core.rig.link.link import (
 )
 
 SMALL = 0.02
-"""Peak of control currents before the first lift-off, over the bias current. On the backup bearing of the paper's machine
-an amplifier of twice its gain then pushes with a quarter of the pull that one magnet has on a centred rotor."""
+"""Peak of control currents before the first lift-off, over the bias current. On the backup bearing of the paper's
+machine an amplifier of twice its gain then pushes with a quarter of the pull that one magnet has on a centred rotor."""
 _RAMP = 60.0  # s: as slowly as the target allows, so that its reference stays where the rotor lies
 
 
@@ -301,6 +302,28 @@ class Bench:
         arm(first)
         self._wait(first + len(samples) + 20)  # until it has ended
         return self.past(first, len(samples))
+
+    def beyond_limits(self, samples: NDArray[np.float64]) -> str:
+        """By what an excitation is beyond the limits of the settings; the target would refuse it.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (steps, axes)
+            Excitation (m).
+
+        Returns
+        -------
+        str
+            Its amplitude or slew, and what is allowed; empty if both are.
+        """
+        limits = self._settings.limits
+        peak = float(np.abs(samples).max())
+        slew = float(np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)).max()) * self.rate  # from and to zero
+        if peak > limits.excitation_amplitude:
+            return f"{UM * peak:.3g} um; allowed on this rig: {UM * limits.excitation_amplitude:.3g} um"
+        if slew > limits.excitation_slew:
+            return f"{1e3 * slew:.3g} mm/s; allowed on this rig: {1e3 * limits.excitation_slew:.3g} mm/s"
+        return ""
 
     @property
     def levitated(self) -> bool:

@@ -77,7 +77,7 @@ def diagnose(bench: Bench, expected: Expected | None, hand: Hand | None = None, 
     result = before_lift(bench, expected, hand)
     if not result.findings:
         result.levitated = True
-        result.findings += levitated(bench, expected, ramp, hand is not None)
+        result.findings += levitated(bench, expected, ramp, hand is not None, result.unchecked)
     return result
 
 

@@ -24,7 +24,9 @@ LOUD, SHARE, LESS = 300.0, 0.25, 0.8  # Hz, of the bias current, of the motion i
 LOAD = 0.12  # of the bias current
 
 
-def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool) -> list[Finding]:
+def levitated(
+    bench: Bench, expected: Expected | None, ramp: float, moved: bool, unchecked: list[str] | None = None
+) -> list[Finding]:
     """Lift the rotor, compare noise, load, gains, delays and angles with the model, and land it, whatever comes of it.
 
     Parameters
@@ -37,19 +39,26 @@ def levitated(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
         Duration of the ramps (s).
     moved : bool
         Whether the sensors were checked by hand.
+    unchecked : list of str, optional
+        What the excitation limits of the rig do not let it check is added to it; None if nobody wants to know.
 
     Returns
     -------
     list of Finding
         The faults found.
+
+    Raises
+    ------
+    TargetError
+        If the target refuses something without a trip, or telemetry is lost: that is no fault of the rig.
     """
     try:
-        return _findings(bench, expected, ramp, moved)
+        return _findings(bench, expected, ramp, moved, [] if unchecked is None else unchecked)
     finally:
         bench.down(ramp)
 
 
-def _findings(bench: Bench, expected: Expected | None, ramp: float, moved: bool) -> list[Finding]:
+def _findings(bench: Bench, expected: Expected | None, ramp: float, moved: bool, unchecked: list[str]) -> list[Finding]:
     """What is found; the rotor may be up afterwards."""
     try:
         rest = bench.record(REST)
@@ -57,6 +66,8 @@ def _findings(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
     except DISTURBANCES:
         raise
     except TargetError as problem:
+        if not bench.status().trips:
+            raise
         return [Finding("target trips", (), str(problem))]
     trips = bench.status().trips
     if trips or not bench.levitated:
@@ -65,11 +76,18 @@ def _findings(bench: Bench, expected: Expected | None, ramp: float, moved: bool)
     findings = noise_when_on(still, rest, bench.machine.axis_names)
     if findings or expected is None:
         return findings
+    return _excited(bench, expected, still, moved, unchecked)
+
+
+def _excited(bench: Bench, expected: Expected, still: LoopRecord, moved: bool, unchecked: list[str]) -> list[Finding]:
+    """A loop that is not levitated any more is unstable; a refusal while it is levitated says nothing about the rig."""
     try:
-        return _of_dynamics(bench, expected, still, moved)
+        return _of_dynamics(bench, expected, still, moved, unchecked)
     except DISTURBANCES:
         raise
     except TargetError as problem:
+        if bench.levitated:
+            raise
         return [Finding("unstable loop", (), str(problem))]
 
 
@@ -86,7 +104,9 @@ def _not_lifted(record: LoopRecord, bench: Bench, trips: str) -> Finding:
     return Finding("unstable loop", (), f"it swings by {UM * moved.max():.0f} um ({trips}): gains, damping, delay")
 
 
-def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord, moved: bool) -> list[Finding]:
+def _of_dynamics(
+    bench: Bench, expected: Expected, still: LoopRecord, moved: bool, unchecked: list[str]
+) -> list[Finding]:
     names = bench.machine.axis_names
     tones = tone_set(LOW, HIGH, TONES, WINDOW)
     wave = AMPLITUDE * tones.waveform(round((SETTLE + WINDOW) * bench.rate), bench.rate)
@@ -95,6 +115,9 @@ def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord, moved: boo
         samples = np.zeros((len(wave), len(names)))
         fade = min(500, len(wave))
         samples[:, axis] = wave * np.minimum(1.0, np.minimum(np.arange(len(wave)), np.arange(len(wave))[::-1]) / fade)
+        if beyond := bench.beyond_limits(samples):
+            unchecked.append(f"gains, delays and angles of the levitated rotor: tones of {beyond}")
+            return _load(bench, expected, still)
         record = bench.excite(samples)
         steps = round(WINDOW * bench.rate)
         every.append(response_to(tones, record.window(record.first_step + record.steps - steps - fade, steps)))
@@ -102,9 +125,8 @@ def _of_dynamics(bench: Bench, expected: Expected, still: LoopRecord, moved: boo
     inputs = np.stack([one.current for one in every], axis=2)
     response = outputs @ np.linalg.inv(inputs)
     findings = _dynamics_findings(response, tones.frequency, bench, expected, still, moved)
-    return findings or _saturation(
-        bench, response, inputs, tones.frequency, np.stack([one.reference for one in every], 2)
-    )
+    references = np.stack([one.reference for one in every], axis=2)
+    return findings or _saturation(bench, response, inputs, tones.frequency, references, unchecked)
 
 
 def _saturation(
@@ -113,6 +135,7 @@ def _saturation(
     inputs: NDArray[np.complex128],
     frequency: NDArray[np.float64],
     references: NDArray[np.complex128],
+    unchecked: list[str],
 ) -> list[Finding]:
     """A quarter of the bias current at a frequency at which it hardly moves the rotor: its motion is in proportion."""
     findings: list[Finding] = []
@@ -125,6 +148,9 @@ def _saturation(
         ramp = np.minimum(1.0, np.minimum(np.arange(steps), np.arange(steps)[::-1]) / fade)
         peak = SHARE * bench.machine.axes[axis].bias_current / of_reference
         samples[:, axis] = peak * ramp * loud.waveform(steps, bench.rate)
+        if beyond := bench.beyond_limits(samples):
+            unchecked.append(f"whether the amplifier of {name} saturates: a tone of {beyond}")
+            continue
         record = bench.excite(samples)
         window = round(WINDOW * bench.rate)
         one = response_to(loud, record.window(record.first_step + record.steps - window - fade, window))

@@ -176,13 +176,12 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
         if levitated and self._sent is None:
             self._waiting_settings = settings
         else:
-            before = self._sent if levitated and self._sent is not None else {}
-            for kind, command in wanted.items():
-                if before.get(kind) != command:
-                    self._command(command)
+            taken = dict(self._sent or {}) if levitated else {}
+            self._sent = taken if levitated else None  # off, it is known once the law is chosen too
+            self._send_changed(wanted, taken)
             if not levitated:
                 self._choose(law, settings)
-            self._sent = wanted
+                self._sent = taken
         if by_host and not self._by_sample:
             self._by_sample, self._wait, self._order = True, 0, InOrder(0, self.count.samples)
             self._options |= TelemetryOption.FLOAT64
@@ -193,6 +192,14 @@ class AmbUdpLink(AmbUdpSession, CommandedLink, HostLoopLink):
     def settings_wait(self) -> bool:
         """Whether the target keeps settings of before, until a rotor that was levitated already has landed."""
         return self._waiting_settings is not None
+
+    def _send_changed(self, wanted: dict[str, Command], taken: dict[str, Command]) -> None:
+        """Send the settings that the target has not taken; one that it refuses, or does not reply to, is unknown."""
+        for kind, command in wanted.items():
+            if taken.get(kind) != command:
+                taken.pop(kind, None)
+                self._command(command)
+                taken[kind] = command
 
     def _choose(self, law: KnownController, settings: TargetSettings) -> None:
         """Choose who sets the currents; a rotor that is not levitated has all settings then."""

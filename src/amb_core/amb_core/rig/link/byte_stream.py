@@ -1,6 +1,6 @@
 """Frames of AMB-UDP over a stream of bytes: each in COBS (S. Cheshire and M. Baker 1999), ended by a zero byte.
 
-The target's side is `target/stream.c`. Whatever is lost or changed, the frame after the next zero byte is whole.
+The target's side is `target/ports/stream.c`. Whatever is lost or changed, the frame after the next zero byte is whole.
 """
 
 from __future__ import annotations

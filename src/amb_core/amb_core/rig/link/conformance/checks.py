@@ -207,7 +207,7 @@ def _unknown_type(target: Exchange) -> Iterator[str]:
     until = time.monotonic() + target.patience
     while (received := target.receive(until)) is not None:
         body = received.datagram[HEADER.size + 8 :]
-        if received.datagram[5] == FrameType.REPLY and body[0] == 0x2A:
+        if received.datagram[5:6] == bytes([FrameType.REPLY]) and len(body) > 1 and body[0] == 0x2A:  # not cut
             if body[1] != Code.UNKNOWN:
                 yield f"an unknown type: code {body[1]}; expected: UNKNOWN"
             return
