@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError, ParameterError, RobustnessError
 from amb_core.ground.parameters import validate
-from amb_core.identification import closed_loop_poles
+from amb_core.identification import ModelUncertainty, closed_loop_poles
+from amb_core.identification.validation import Validation
 from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
@@ -95,6 +97,33 @@ def test_an_unstable_loop_and_wrong_units_are_found_without_the_data(loop) -> No
 def test_a_sweep_without_a_controller_is_refused_without_the_other_data(loop) -> None:
     with pytest.raises(RobustnessError, match="controller of the swept sine is not known"):
         certify_from_data(*loop, NOWHERE, NOWHERE, swept=NOWHERE)
+
+
+def results_of(model) -> dict[str, Validation | ModelUncertainty]:
+    """A validation and an uncertainty of a model, of which only the model is looked at."""
+    validation = object.__new__(Validation)
+    object.__setattr__(validation, "model", model)
+    rows = sum(matrix.size for matrix in (model.a, model.b, model.c, model.k))
+    return {"validation": validation, "uncertainty": ModelUncertainty(model, np.full((rows, 1), 1e-9), 1.0, 0.0, True)}
+
+
+@pytest.mark.parametrize("what", ["validation", "uncertainty"])
+@pytest.mark.parametrize("part", ["a", "b", "c", "sample_time"])
+def test_a_validation_or_uncertainty_of_another_model_is_refused_without_the_data(loop, what: str, part: str) -> None:
+    model, control = loop
+    other = replace(model, **{part: 0.75 * getattr(model, part)})
+    given = {what: results_of(other)[what]}
+    for call in (lambda: certify(model, control, **given), lambda: certify_from_data(model, control, NOWHERE, **given)):
+        with pytest.raises(RobustnessError, match=f"{what} is of another model"):
+            call()
+
+
+def test_an_uncertainty_of_the_model_after_a_file_or_with_a_gain_from_data_is_of_this_model(loop, tmp_path) -> None:
+    model, control = loop
+    model.save(tmp_path / "model.json")
+    for same in (type(model).load(tmp_path / "model.json"), replace(model, k=0.5 * model.k, source="elsewhere")):
+        settings, given = RobustnessSettings(**FEW), results_of(same)["uncertainty"]
+        assert certify(model, control, settings=settings, uncertainty=given).assessment.bounds is not None
 
 
 def test_a_plant_of_ones_own_is_certified_on_data_that_validate_it(bearing) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 from amb_core.ground.errors import IdentificationError
 from amb_core.identification import StateSpaceModel
@@ -116,6 +117,7 @@ def test_arrays_are_copies_that_cannot_be_changed() -> None:
         ({"fit": np.array([np.nan, 1.0])}, "'fit'"),
         ({"fit": np.array([1.0])}, "'fit'"),
         ({"sample_time": 0.0}, "'sample_time' = 0.0 s"),
+        ({"a": np.eye(3) + 1e-3j}, "a: ndarray.* is not allowed; allowed: an array of real numbers"),
     ],
 )
 def test_a_model_whose_parts_do_not_fit_is_refused(change: dict[str, object], message: str) -> None:
@@ -140,6 +142,27 @@ def test_files_that_hold_no_model_are_refused_in_one_line(tmp_path: Path) -> Non
         with pytest.raises(IdentificationError, match=message) as refusal:
             StateSpaceModel.load(tmp_path / name)
         assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat"])
+def test_complex_matrices_of_a_file_are_refused_and_those_without_imaginary_part_read(
+    tmp_path: Path, ending: str
+) -> None:
+    model, path = random_model(), tmp_path / f"model.{ending}"
+    kind = str if ending == "npz" else object
+    names = {"InputName": np.array(["i_x", "i_y"], kind), "OutputName": np.array(["x", "y"], kind)}
+    rest = {"B": model.b, "C": model.c, "D": model.d, "Ts": 1e-4, **names}
+
+    def saved(a: np.ndarray) -> Path:
+        if ending == "npz":
+            np.savez(path, A=a, **rest)
+        else:
+            savemat(path, {"A": a, **rest})
+        return path
+
+    np.testing.assert_array_equal(StateSpaceModel.load(saved(model.a + 0j)).a, model.a)
+    with pytest.raises(IdentificationError, match=r"a: .* is not allowed; allowed: an array of real numbers"):
+        StateSpaceModel.load(saved(model.a + 1e-3j))
 
 
 def test_a_model_that_cannot_be_written_says_so(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from amb_core.identification import (
 from amb_core.identification.estimate.predictor import innovations, kalman_gain
 from amb_core.identification.prediction import first_state, predict
 from amb_core.identification.uncertainty import ModelUncertainty
+from amb_core.identification.uncertainty.reference import with_reference
 from amb_core.loop.control import ControllerParameters
 
 if TYPE_CHECKING:
@@ -242,6 +243,37 @@ def test_colour_that_the_order_has_no_state_for_widens_the_bands() -> None:
     assert held(replace(identification, root=identification.root[:, :-1], reference=None)) < 0.6
     assert held(identification) > 0.9
     assert "bands are widened: a model of order 2 from the same data differs" in identification.summary
+
+
+@pytest.fixture
+def decoupled() -> ModelUncertainty:
+    """Of two axes that do not see each other, though the data leave it open that they do."""
+    axes, zero = np.eye(2), np.zeros((2, 2))
+    model = StateSpaceModel(
+        np.diag([0.9, 0.8]), 0.1 * axes, axes, zero, 0.1 * axes, axes, zero[0], zero[0], zero[0], 1e-4, method="pem"
+    )
+    return ModelUncertainty(model, 1e-4 * np.random.default_rng(2).normal(size=(16, 12)), 1.0, 0.0, False)
+
+
+def test_an_entry_of_the_response_that_is_zero_deviates_in_any_direction(decoupled: ModelUncertainty) -> None:
+    coupled = replace(decoupled, model=replace(decoupled.model, b=decoupled.model.b + 1e-9))
+    zero, small = (uncertainty.response(FREQUENCIES) for uncertainty in (decoupled, coupled))
+    assert not np.any(zero.response[:, 0, 1])
+    either_way = np.hypot(small.magnitude_deviation, small.magnitude * small.phase_deviation)[:, 0, 1]
+    assert zero.magnitude_deviation[:, 0, 1] == pytest.approx(either_way / np.sqrt(2.0), rel=1e-4)
+    assert zero.phase_deviation[:, 0, 1] == pytest.approx(np.pi)  # nothing is known of it
+
+
+def test_a_richer_model_differs_by_chance_from_one_whose_axes_do_not_see_each_other(
+    decoupled: ModelUncertainty,
+) -> None:
+    changed = decoupled.model.b + 1e-4 * np.random.default_rng(3).normal(size=(2, 2))
+    richer = replace(decoupled, model=replace(decoupled.model, b=changed))
+    counted = with_reference(decoupled, richer)
+    assert counted.difference < 1.0
+    assert np.isfinite(counted.root).all()
+    assert np.isfinite(counted.response(FREQUENCIES).magnitude_deviation).all()
+    assert counted.widened == ""
 
 
 def test_the_summary_names_the_unstable_poles_and_other_data(

@@ -6,6 +6,7 @@ import control
 import numpy as np
 import pytest
 
+from amb_core.ground.errors import IdentificationError, RobustnessError
 from amb_core.linear import LinearSystem
 from amb_core.linear.connections import beside, feedback, parallel, series
 from amb_core.linear.peak import h_infinity_norm, peak_gain
@@ -64,6 +65,13 @@ def test_python_control_has_the_same_system_and_names() -> None:
         STEP, ours.input_names, ours.output_names, ours.state_names,
     )  # fmt: skip
     assert isinstance(ours.to_control(), control.StateSpace)
+
+
+def test_complex_matrices_of_python_control_are_refused() -> None:
+    theirs = system().to_control()
+    theirs.A = theirs.A + 1e-3j  # its constructor drops imaginary parts, with a warning
+    with pytest.raises(IdentificationError, match=r"A: .* is not allowed; allowed: an array of real numbers"):
+        LinearSystem.from_control(theirs)
 
 
 def test_a_part_has_its_names_and_units() -> None:
@@ -183,3 +191,12 @@ def test_the_norm_of_an_unstable_system_is_infinite() -> None:
     ours = system()
     assert h_infinity_norm(ours) == peak_gain(ours).value
     assert h_infinity_norm(ours.with_matrices(2.0 * ours.a, ours.b, ours.c, ours.d)) == math.inf
+
+
+@pytest.mark.parametrize("gain", [peak_gain, h_infinity_norm])
+def test_a_gain_needs_discrete_time_and_finite_matrices(gain) -> None:
+    ours = system()
+    with pytest.raises(RobustnessError, match="sample time of 0 s is not allowed"):
+        gain(system(step=0.0))
+    with pytest.raises(RobustnessError, match="B holds values that are not finite"):
+        gain(ours.with_matrices(ours.a, ours.b * math.nan, ours.c, ours.d))

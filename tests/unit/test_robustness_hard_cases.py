@@ -8,11 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from amb_core.data.experiments import IdentificationData
 from amb_core.ground.errors import IdentificationError, RobustnessError
-from amb_core.identification import estimate_uncertainty
+from amb_core.identification import ModelUncertainty, StateSpaceModel, estimate_uncertainty
 from amb_core.linear import LinearSystem
+from amb_core.linear.sampling import discretised
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
 from amb_core.robustness import (
@@ -36,6 +38,7 @@ from tests.lqg_loop import linear_law, rotor
 
 SETTINGS = RobustnessSettings(frequencies=100)
 STEP = 1e-4  # s
+MASS, FORCE, STIFFNESS = 6.25, 66.0, 3.3e5  # kg, N/A, N/m: the paper's bearing
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +68,17 @@ def first_order(pole: float, gains: list[float], feedback: list[float], delay: i
     shift = np.kron(np.eye(delay, k=-1), np.eye(axes))
     b, c = np.eye(delay * axes, axes), np.eye(axes, delay * axes, (delay - 1) * axes)
     return Feedback(plant, LinearSystem(shift, b, np.diag(feedback) @ c, np.zeros((axes, axes)), STEP))
+
+
+def fast_sampled(proportional: float, derivative: float) -> Feedback:
+    """Two axes of the paper's bearing at 100 kHz, over-damped: the stiffness limits them, so S is largest at rest."""
+    step, decay, axes = 1e-5, 2e-5, np.eye(2)
+    bearing = np.array([[0.0, 1.0], [STIFFNESS / MASS, 0.0]]), np.array([[0.0], [FORCE / MASS]])
+    a, b = (np.kron(axes, matrix) for matrix in bearing)
+    plant = discretised(LinearSystem(a, b, np.kron(axes, [[1.0, 0.0]]), np.zeros((2, 2)), 0.0), step)
+    pole, slope = decay / (decay + step), derivative / (decay + step)
+    law = [[[pole, -slope], [0.0, 0.0]], [[slope], [1.0]], [[pole, -slope]], [[proportional + slope]]]
+    return Feedback(plant, LinearSystem(*(np.kron(axes, matrix) for matrix in law), step), ("x", "y"))
 
 
 def same_axes(assessment, expected) -> None:
@@ -195,6 +209,61 @@ def test_an_axis_without_loop_does_not_disturb_the_other(gains: list[float], fee
     assert both.axes[1].margins.gain_up.value == math.inf
     assert both.mu.lower > 0.0
     assert both.on_circle < 1e-6
+
+
+def test_an_axis_without_loop_has_infinite_disk_margins_where_its_disk_is_that_of_t() -> None:
+    """Skew -1: the disk is that of T, which is 0."""
+    assessment = assess_loop(first_order(0.99, [0.01, 0.01], [0.5, 0.0]), SETTINGS.model_copy(update={"skew": -1.0}))
+    disk = assessment.axes[1].disk
+    assert disk.guaranteed == math.inf
+    assert (disk.gain, disk.phase) == ((-math.inf, math.inf), math.pi)
+    assert math.isfinite(assessment.axes[0].disk.guaranteed)
+
+
+def test_a_loop_that_is_not_closed_bears_actuators_of_any_size(loop) -> None:
+    model, law = replace(loop[0], a=0.5 * np.eye(len(loop[0].a))), loop[1].model
+    open_law = LinearControl(replace(law, c=0.0 * law.c, d=0.0 * law.d), LinearControllerParameters())
+    only_actuators = dict.fromkeys(("sensor", "current_gain", "negative_stiffness"), 0.0)
+    certificate = certify(model, open_law, settings=SETTINGS.model_copy(update=only_actuators | {"skew": -1.0}))
+    assert "stable with any size of the assumed perturbations" in certificate.checks[2].finding
+    json.dumps(certificate_values(certificate), allow_nan=False)
+
+
+# -- at rest
+
+
+def test_mu_is_that_at_rest_where_no_higher_frequency_has_as_much() -> None:
+    """Sensor, actuator and current gain lower the stiffness of the loop while that of the magnets rises."""
+    assessment = assess_loop(fast_sampled(6_300.0, 75.0), SETTINGS)
+    share = brentq(lambda r: 6_300.0 * FORCE * (1.0 - 0.05 * r) ** 3 - STIFFNESS * (1.0 + 0.1 * r), 0.0, 2.0)
+    assert share < 1.0
+    assert assessment.mu.lower == pytest.approx(1.0 / share, rel=1e-4)
+    assert 1.0 / share <= assessment.mu.upper < 1.001 / share
+    assert assessment.on_circle < 1e-6
+
+
+@pytest.mark.parametrize("proportional", [6_000.0, 6_300.0, 20_000.0])
+def test_signals_together_bear_no_more_than_each_alone(proportional: float) -> None:
+    assessment = assess_loop(fast_sampled(proportional, 75.0), SETTINGS)
+    outputs = {one.where: one for one in assessment.disks}["outputs"]
+    assert outputs.guaranteed <= outputs.broken <= min(axis.disk.guaranteed for axis in assessment.axes)
+
+
+def test_bounds_are_not_below_the_numbers_of_the_model_wherever_they_are() -> None:
+    feedback = fast_sampled(6_500.0, 150.0)
+    plant, none = feedback.plant, np.zeros(2)
+    model = StateSpaceModel(
+        plant.a, plant.b, plant.c, plant.d, np.zeros((4, 2)), 1e-16 * np.eye(2), none, none, np.zeros(4), 1e-5
+    )
+    root = np.zeros((40, 2))
+    root[16, 0] = root[18, 1] = 1e-9  # of B
+    bounds = assess_loop(feedback, SETTINGS, ModelUncertainty(model, root, 1.0, 0.0, True)).bounds
+    for axis, bound in zip(assess_loop(feedback, SETTINGS).axes, bounds.axes, strict=True):
+        assert axis.sensitivity.frequency == pytest.approx(0.0, abs=1e-3)
+        assert bound.sensitivity.value >= axis.sensitivity.value
+        assert bound.complementary.value >= axis.complementary.value
+        assert bound.disk.value >= 1.0 / axis.disk.guaranteed
+        assert bound.zone == axis.zone == "B"
 
 
 # -- bounds of mu

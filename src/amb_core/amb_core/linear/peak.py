@@ -52,7 +52,7 @@ def peak_gain(system: LinearSystem) -> Peak:
     Parameters
     ----------
     system : LinearSystem
-        Stable system in discrete time.
+        System in discrete time. Of an unstable one it is the L-infinity norm; see `h_infinity_norm`.
 
     Returns
     -------
@@ -62,9 +62,10 @@ def peak_gain(system: LinearSystem) -> Peak:
     Raises
     ------
     RobustnessError
-        If a pole lies on the unit circle, or SLICOT fails.
+        If the system is in continuous time, a matrix holds values that are not finite, a pole lies on the unit circle,
+        or SLICOT fails.
     """
-    require_kind("system", system, LinearSystem, "a LinearSystem", RobustnessError)
+    _require_discrete(system)
     half = 0.5 / system.sample_time
     if not system.order:
         return Peak(float(np.linalg.norm(system.d, 2)), 0.0)
@@ -89,6 +90,17 @@ def peak_gain(system: LinearSystem) -> Peak:
     return top
 
 
+def _require_discrete(system: LinearSystem) -> None:
+    require_kind("system", system, LinearSystem, "a LinearSystem", RobustnessError)
+    if not system.sample_time > 0.0:
+        raise RobustnessError(
+            f"system: a sample time of {system.sample_time:g} s is not allowed; allowed: a system in discrete time"
+        )
+    for name in "abcd":
+        if not np.all(np.isfinite(getattr(system, name))):
+            raise RobustnessError(f"system: {name.upper()} holds values that are not finite")
+
+
 def _bilinear(system: LinearSystem) -> tuple[Arrays, Arrays, Arrays, Arrays]:
     """The system in s of z = (1 + s)/(1 - s); on the unit circle s = j tan(w T/2), infinite at half the sample rate."""
     inverse = np.linalg.inv(np.eye(system.order) + system.a)
@@ -98,7 +110,24 @@ def _bilinear(system: LinearSystem) -> tuple[Arrays, Arrays, Arrays, Arrays]:
 
 
 def h_infinity_norm(system: LinearSystem) -> float:
-    """Largest singular value of a system over all frequencies; infinite if it is not stable."""
+    """Largest singular value of a system over all frequencies; infinite if it is not stable.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        System in discrete time.
+
+    Returns
+    -------
+    float
+        The norm, in the unit of the response.
+
+    Raises
+    ------
+    RobustnessError
+        As for `peak_gain`, except for poles on the unit circle.
+    """
+    _require_discrete(system)
     return peak_gain(system).value if system.radius < 1.0 else math.inf
 
 

@@ -48,6 +48,17 @@ def _matrix(name: str, values: ArrayLike) -> Arrays:
     return matrix
 
 
+def real_array(name: str, values: object) -> Arrays:
+    """A copy of an array of real numbers; IdentificationError for anything else, also for imaginary parts."""
+    try:
+        given = np.asarray(values)
+        if not (np.iscomplexobj(given) and np.any(given.imag)):
+            return np.array(given.real if np.iscomplexobj(given) else given, dtype=np.float64, order="C")
+    except (TypeError, ValueError):  # texts, rows of different lengths
+        pass
+    raise IdentificationError(f"{name}: {kind_of(values)} is not allowed; allowed: an array of real numbers")
+
+
 class LinearSystem:
     """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k]; in continuous time dx/dt = A x + B u.
 
@@ -363,8 +374,13 @@ class LinearSystem:
         -------
         LinearSystem
             The same matrices, sample time and names of signals.
+
+        Raises
+        ------
+        IdentificationError
+            If a matrix has imaginary parts.
         """
-        a, b, c, d = (np.array(getattr(system, name), dtype=np.float64) for name in "ABCD")
+        a, b, c, d = (real_array(name, getattr(system, name)) for name in "ABCD")
         return cls(
             a, b, c, d, float(system.dt or 0.0),
             input_names=tuple(system.input_labels), output_names=tuple(system.output_labels),

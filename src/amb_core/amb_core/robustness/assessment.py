@@ -13,7 +13,7 @@ from amb_core.ground.given_values import require_kind
 from amb_core.ground.parameters import given_set
 from amb_core.identification.given import OF_UNCERTAINTY, Controller, given_model, required_controller
 from amb_core.identification.uncertainty import ModelUncertainty
-from amb_core.linear import Arrays
+from amb_core.linear import Arrays, LinearSystem, rates_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.linear.numerics import one_blas_thread
 from amb_core.linear.peak import Peak, peak_gain
@@ -27,6 +27,7 @@ from amb_core.robustness.margins import (
     classical_margins,
     disk_margin_of_axis,
     disk_margins,
+    reciprocal,
 )
 from amb_core.robustness.mu import MuPeak, mu_peak
 from amb_core.robustness.replay import distance_from_circle
@@ -35,6 +36,8 @@ from amb_core.robustness.structure import UncertainLoop, uncertain_loop
 from amb_core.robustness.worst_cases import AxisBounds, Gap, PoleBounds, WorstCases
 
 LOWEST = 1e-4  # of half the sample rate, where the curves start
+_AT_REST = 0.01  # of the slowest pole of the loop, where they start if it is slower: the response there is that of 0 Hz
+_PER_DECADE = 20  # frequencies of these slow ones, at which the response changes little
 
 
 @dataclass(frozen=True)
@@ -287,15 +290,37 @@ def _axis(feedback: Feedback, axis: int, margins: ClassicalMargins, settings: Ro
     )
 
 
+def _stated_peaks(axis: AxisResult, known: KnownBand | None) -> tuple[Peak, Peak, Peak]:
+    """Exact peaks of S, T and S + (sigma - 1) / 2 of the model; 0 where nothing is stated at their frequency."""
+
+    def stated(value: float, frequency: float) -> Peak:
+        holds = known is None or bool(known.holds(np.array(frequency)))
+        return Peak(value if holds else 0.0, frequency)
+
+    return (
+        stated(axis.sensitivity.value, axis.sensitivity.frequency),
+        stated(axis.complementary.value, axis.complementary.frequency),
+        stated(reciprocal(axis.disk.guaranteed), axis.disk.frequency),
+    )
+
+
 def _grid(feedback: Feedback, axes: Sequence[AxisResult], count: int) -> Arrays:
-    """Even in the logarithm, with further frequencies at the peaks and at the poles of the loop."""
+    """Even in the logarithm, with further frequencies at the peaks and at the poles of the loop, and at slow ones."""
     half = 0.5 / feedback.plant.sample_time
+    lowest = min(LOWEST * half, _AT_REST * _slowest(feedback.closed))
+    slow = np.geomspace(lowest, LOWEST * half, math.ceil(_PER_DECADE * math.log10(LOWEST * half / lowest)), False)
     angles = np.angle(feedback.closed.poles())
     special = [*(angles[angles > 0.0] / np.pi * half), *(axis.sensitivity.frequency for axis in axes)]
-    near = [at * np.linspace(0.97, 1.03, 5) for at in special if at > LOWEST * half]
+    near = [at * np.linspace(0.97, 1.03, 5) for at in special if at > lowest]
     even = max(count - 5 * len(near), count // 2)  # a long delay has many poles
-    grid = np.concatenate([np.geomspace(LOWEST * half, half * (1.0 - 1e-9), even), *near])
-    return np.unique(np.clip(grid, LOWEST * half, half * (1.0 - 1e-9)))
+    grid = np.concatenate([slow, np.geomspace(LOWEST * half, half * (1.0 - 1e-9), even), *near])
+    return np.unique(np.clip(grid, lowest, half * (1.0 - 1e-9)))
+
+
+def _slowest(closed: LinearSystem) -> float:
+    """Natural frequency of the slowest pole of a loop (Hz); infinite without poles."""
+    rates = rates_of(closed.poles(), closed.sample_time)
+    return float(np.min(np.abs(rates), initial=math.inf)) / (2.0 * math.pi)
 
 
 def _bounds(
@@ -316,9 +341,13 @@ def _bounds(
     if known is not None and possible and not all(one.linear for one in by_axis):
         search = WorstCases.of(feedback, uncertainty, frequency, settings, known, by_data=True)
         by_axis = tuple(search.axis_by_data(axis, one) for axis, one in enumerate(by_axis))
+    own = [_stated_peaks(result, known) for result in axes]
+    by_axis = tuple(one.at_least(*peaks, settings) for one, peaks in zip(by_axis, own, strict=True))
     m, size = feedback.inputs, feedback.outputs
     into = np.eye(size, m + size, m)
     outputs = search.scaled(into, into.T, 0.5 * (settings.skew - 1.0) * np.eye(size))
+    for *_, disk in own:
+        outputs = outputs.at_least(disk)
     signals = search.scaled(uncertain.out, uncertain.into, uncertain.direct) if len(uncertain.direct) else None
     small_gain, at = search.small_gain()
     if small_gain >= 1.0:

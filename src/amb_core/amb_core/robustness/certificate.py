@@ -15,10 +15,9 @@ import numpy as np
 from amb_core.data.experiments import IdentificationData
 from amb_core.data.experiments.tones import without_unanswered
 from amb_core.ground.errors import RobustnessError
-from amb_core.ground.given_values import require_kind
 from amb_core.ground.parameters import given_set
 from amb_core.ground.results import Result
-from amb_core.identification.given import OF_UNCERTAINTY, Controller, given_model, required_controller
+from amb_core.identification.given import Controller, given_model, required_controller
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.linear.model import StateSpaceModel
@@ -39,6 +38,7 @@ from amb_core.robustness.checks import (
 )
 from amb_core.robustness.error_band import error_band
 from amb_core.robustness.feedback import Feedback, feedback_of
+from amb_core.robustness.given_results import require_of_model, require_results
 from amb_core.robustness.known_band import KnownBand, known_band
 from amb_core.robustness.measured import MeasuredSensitivity
 from amb_core.robustness.settings import ZONES, RobustnessSettings, Zone, zone_of
@@ -198,11 +198,13 @@ def certify(
     Raises
     ------
     IdentificationError, ParameterError, RobustnessError
-        If model and controller do not fit together, or limits of zones do not rise.
+        If model and controller do not fit together, limits of zones do not rise, or validation or uncertainty are of
+        another model.
     """
     settings = given_set(RobustnessSettings, "settings", settings)
     require_results(validation, uncertainty)
     model = given_model(model)
+    require_of_model(model, validation, uncertainty)
     law = required_controller(controller, model.sample_time)
     checks = [_validated(validation)]
     feedback = feedback_of(model, law, settings.extra_delay)
@@ -239,13 +241,6 @@ def certify(
     return Certificate(
         tuple(checks), assessment, settings, warnings, dict(inputs or {}), measured, zones, reserved, known, amplitude,
     )  # fmt: skip
-
-
-def require_results(validation: Validation | None, uncertainty: ModelUncertainty | None) -> None:
-    """Raise RobustnessError for what is no result of `validate` or `estimate_uncertainty`."""
-    none = type(None)
-    require_kind("validation", validation, (Validation, none), "what validate returns, or None", RobustnessError)
-    require_kind("uncertainty", uncertainty, (ModelUncertainty, none), OF_UNCERTAINTY, RobustnessError)
 
 
 def _known(
@@ -298,12 +293,13 @@ def _checks(assessment: Assessment, uncertainty: ModelUncertainty | None, known:
 def _perturbation_checks(assessment: Assessment) -> list[Check]:
     """What the loop of the model itself tolerates."""
     mu = assessment.mu
+    reach = f"up to {1.0 / mu.upper:.2f} times" if mu.upper else "with any size of"
     return [
         Check(
             "all assumed perturbations together leave the loop stable",
             mu.upper < 1.0,
-            f"structured singular value between {mu.lower:.3f} and {mu.upper:.3f} at {mu.frequency:.4g} Hz: stable up "
-            f"to {1.0 / mu.upper:.2f} times the assumed perturbations"
+            f"structured singular value between {mu.lower:.3f} and {mu.upper:.3f} at {mu.frequency:.4g} Hz: stable "
+            f"{reach} the assumed perturbations"
             + (f"; the bounds are {100.0 * mu.gap:.0f} % apart, the upper one counts" if mu.gap > WIDE_GAP else ""),
         ),
         Check(

@@ -12,6 +12,7 @@ from amb_core.ground.results import plain
 from amb_core.robustness.assessment import Assessment, AxisResult, Bounds
 from amb_core.robustness.certificate import Certificate
 from amb_core.robustness.known_band import KnownBand
+from amb_core.robustness.margins import reciprocal
 from amb_core.robustness.measured import MeasuredSensitivity
 
 
@@ -119,13 +120,13 @@ def _bound_values(bounds: Bounds) -> dict[str, Any]:
             one.name: {
                 "peak_sensitivity": one.sensitivity.value,
                 "peak_complementary": one.complementary.value,
-                "disk_margin": 1.0 / one.disk.value,
+                "disk_margin": reciprocal(one.disk.value),
                 "peak_sensitivity_all_parameters": one.sensitivity_of_all.value,
                 "zone_iso_14839_3": one.zone,
             }
             for one in bounds.axes
         },
-        "disk_margin_outputs": 1.0 / bounds.outputs.value,
+        "disk_margin_outputs": reciprocal(bounds.outputs.value),
         "small_gain": bounds.small_gain,
         "nu_gap": bounds.gap.worst.value,
         "stability_margin_b": bounds.gap.margin,

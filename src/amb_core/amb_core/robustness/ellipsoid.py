@@ -33,6 +33,7 @@ from amb_core.identification.frequency_response import normal_quantile, transfer
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.identification.uncertainty.directions import response_changes
 from amb_core.linear import Arrays, Complexes
+from amb_core.linear.peak import Peak
 from amb_core.robustness.feedback import Feedback
 
 Places = NDArray[np.intp]
@@ -64,6 +65,10 @@ class Worst:
     frequency: float
     curve: Arrays
     factors: Arrays
+
+    def at_least(self, peak: Peak) -> Worst:
+        """The same, no lower than an exact peak of the model itself: it may lie between frequencies of the search."""
+        return self if self.value >= peak.value else replace(self, value=peak.value, frequency=peak.frequency)
 
 
 @dataclass(frozen=True, eq=False)

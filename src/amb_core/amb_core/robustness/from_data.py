@@ -35,10 +35,11 @@ from amb_core.identification.validation.noise_model import with_noise_model
 from amb_core.identification.validation.overlap import fingerprint_of
 from amb_core.linear.model import StateSpaceModel
 from amb_core.loop.known_controller import KnownController
-from amb_core.robustness.certificate import Certificate, certify, require_results
+from amb_core.robustness.certificate import Certificate, certify
 from amb_core.robustness.checks import NOT_RUN
 from amb_core.robustness.displacement import largest_displacements
 from amb_core.robustness.feedback import Feedback, feedback_of, is_same_law
+from amb_core.robustness.given_results import require_of_model, require_results
 from amb_core.robustness.measured import MeasuredSensitivity, measured_sensitivity
 from amb_core.robustness.settings import RobustnessSettings
 from amb_core.robustness.sweep import modes_of, sweep_remarks
@@ -76,7 +77,7 @@ def certify_from_data(
     inputs : mapping, optional
         Name and SHA-256 of everything that was read. None for nothing.
     validation, uncertainty : Validation, ModelUncertainty, optional
-        Where they are known already; otherwise they are computed from the data.
+        Of this model, where they are known already; otherwise they are computed from the data.
     swept : Recorded, optional
         A swept sine on the running loop: its measured peak is checked too. By default the measured sensitivity is taken
         from the data of the validation, and shown only.
@@ -93,7 +94,8 @@ def certify_from_data(
     AmbError
         If model, controller and data do not fit together.
     RobustnessError
-        If the controller of the swept sine is not known, or is another one.
+        If the controller of the swept sine is not known, or is another one, or validation or uncertainty are of another
+        model.
     """
     settings = given_set(RobustnessSettings, "settings", settings)
     require_results(validation, uncertainty)
@@ -101,6 +103,7 @@ def certify_from_data(
     require_kind("inputs", inputs, (Mapping, none), "SHA-256 by name, or None", RobustnessError)
     require_kind("swept", swept, (Recorded, none), "what amb_core.read returns, or None", RobustnessError)
     model, law, identified_from, judged_on, uncertainty = _given(model, controller, data, validation_data, uncertainty)
+    require_of_model(model, validation, uncertainty)
     feedback = require_fitting(model, law, settings)
     if not feedback.stable:
         return certify(model, law, settings=settings, inputs=inputs)

@@ -24,7 +24,10 @@ from amb_core.robustness.crossings import gain_crossovers, phase_crossovers
 from amb_core.robustness.feedback import Feedback
 from amb_core.robustness.mu import Block, MuPeak, mu_peak
 
-NONE = math.inf
+
+def reciprocal(value: float) -> float:
+    """1 / value, infinite for 0: where nothing is seen of a perturbation, any size of it is borne."""
+    return 1.0 / value if value else math.inf
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,8 @@ class DiskMargin:
 
 def gain_of(alpha: float, skew: float = 0.0) -> tuple[float, float]:
     """Range of gains in the disk alpha: (2 - alpha (1 - sigma))/(2 + alpha (1 + sigma)) and its counterpart."""
+    if math.isinf(alpha):
+        return (skew - 1.0) * reciprocal(1.0 + skew), math.inf
     low = (2.0 - alpha * (1.0 - skew)) / (2.0 + alpha * (1.0 + skew))
     below = 2.0 - alpha * (1.0 + skew)
     return low, (2.0 + alpha * (1.0 - skew)) / below if below > 0.0 else math.inf
@@ -144,7 +149,8 @@ def disk_margin_of_axis(feedback: Feedback, axis: int, skew: float = 0.0) -> Dis
     feedback.require_stable()
     one = [feedback.inputs + axis]
     peak = peak_gain(feedback.closed.part(one, one).plus(np.array([[0.5 * (skew - 1.0)]])))
-    return DiskMargin(feedback.axes[axis], 1.0 / peak.value, 1.0 / peak.value, peak.frequency, skew)
+    alpha = reciprocal(peak.value)
+    return DiskMargin(feedback.axes[axis], alpha, alpha, peak.frequency, skew)
 
 
 def disk_margins(feedback: Feedback, frequency: Arrays, skew: float = 0.0) -> tuple[DiskMargin, ...]:
@@ -170,16 +176,18 @@ def disk_margins(feedback: Feedback, frequency: Arrays, skew: float = 0.0) -> tu
         If the loop is not stable.
     """
     feedback.require_stable()
-    places = {
-        "outputs": feedback.output_sensitivity,
-        "inputs": feedback.input_sensitivity,
-        "inputs and outputs": feedback.closed,
-    }
-    peaks = {where: disk_peak(system, frequency, skew) for where, system in places.items()}
-    return tuple(
-        DiskMargin(where, 1.0 / peak.upper, 1.0 / peak.lower if peak.lower else NONE, peak.frequency, skew)
-        for where, peak in peaks.items()
-    )
+    m, size = feedback.inputs, feedback.inputs + feedback.outputs
+    places = {"outputs": range(m, size), "inputs": range(m), "inputs and outputs": range(size)}
+    shifted = feedback.closed.plus(0.5 * (skew - 1.0) * np.eye(size))
+    alone = [peak_gain(shifted.part([place], [place])) for place in range(size)]
+    margins = []
+    for where, signals in places.items():
+        mu = disk_peak(feedback.closed.part(list(signals), list(signals)), frequency, skew)
+        # Together they bear no more than each alone, whose peak is exact and may lie between the frequencies.
+        one = max((alone[place] for place in signals), key=lambda peak: peak.value)
+        upper, at = max((mu.upper, mu.frequency), (one.value, one.frequency))
+        margins.append(DiskMargin(where, reciprocal(upper), reciprocal(max(mu.lower, one.value)), at, skew))
+    return tuple(margins)
 
 
 def disk_peak(sensitivity: LinearSystem, frequency: Arrays, skew: float = 0.0) -> MuPeak:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ class MuPeak:
     perturbation : ndarray of complex, shape (n,), or (n, n) with blocks of size 2 or more
         Delta of the lower bound, as its diagonal or whole: its size is 1/lower; empty if none was found.
     grid, upper_curve : ndarray, shape (f,)
-        Upper bound over frequency (Hz).
+        Upper bound at the given frequencies (Hz).
     """
 
     upper: float
@@ -99,7 +99,8 @@ def mu_peak(system: LinearSystem, blocks: Sequence[Block], frequency: Arrays) ->
     blocks : sequence of Block
         Along the diagonal of Delta; together of as many rows as the system has inputs.
     frequency : ndarray, shape (f,)
-        Frequencies (Hz), ascending, at which the upper bound is computed; the highest peaks are refined between them.
+        Frequencies (Hz), ascending, at which the upper bound is computed, as it is at 0 Hz and at half the sample rate;
+        the highest peaks are refined between them.
 
     Returns
     -------
@@ -114,11 +115,19 @@ def mu_peak(system: LinearSystem, blocks: Sequence[Block], frequency: Arrays) ->
     size = sum(block.size for block in blocks)
     if system.d.shape != (size, size) or any(block.size < 1 for block in blocks):
         raise RobustnessError(f"perturbations of {size} rows need as many inputs and outputs, not {system.d.shape}")
-    if size > len(blocks):
-        return _peak_of_blocks(system, Blocks([one.size for one in blocks], [one.real for one in blocks]), frequency)
+    # A slow loop may have its peak at rest, and mu of real perturbations alone may jump where the response is real.
+    ends = 0.0, 0.5 / system.sample_time
+    every = np.unique(np.concatenate([frequency, ends]))
     real = np.array([block.real for block in blocks])
-    if np.all(real):  # mu of real perturbations alone may jump at frequencies at which the response is real
-        frequency = np.concatenate([[0.0], frequency, [0.5 / system.sample_time]])
+    if size > len(blocks):
+        peak = _peak_of_blocks(system, Blocks([block.size for block in blocks], list(real)), every)
+    else:
+        peak = _peak_of_numbers(system, real, every)
+    return replace(peak, grid=np.asarray(frequency), upper_curve=peak.upper_curve[np.searchsorted(every, frequency)])
+
+
+def _peak_of_numbers(system: LinearSystem, real: NDArray[np.bool_], frequency: Arrays) -> MuPeak:
+    """The largest mu over frequencies and between them, with perturbations that are numbers."""
     curve, scalings = upper_curve(system.response(frequency), real)
     peaks = [_refine(system, real, frequency, curve, scalings[place], place) for place in _summits(curve)]
     peaks.sort(key=lambda item: item[0], reverse=True)
@@ -143,8 +152,6 @@ def _peak_of_blocks(system: LinearSystem, blocks: Blocks, frequency: Arrays) -> 
     def upper(at: float) -> tuple[float, Complexes, Complexes]:
         return upper_of_blocks(system.response(np.array([at]))[0], blocks)
 
-    if all(blocks.real):
-        frequency = np.concatenate([[0.0], frequency, [0.5 / system.sample_time]])
     curve = np.array([upper(float(at))[0] for at in frequency])
     bounds = []
     for place in _summits(curve):

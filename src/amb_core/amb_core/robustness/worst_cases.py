@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from amb_core.identification.uncertainty import ModelUncertainty
 from amb_core.linear import Arrays, Complexes
-from amb_core.linear.peak import peak_gain
+from amb_core.linear.peak import Peak, peak_gain
 from amb_core.robustness.ellipsoid import (
     PlantSet,
     Worst,
@@ -76,6 +76,18 @@ class AxisBounds:
     def linear(self) -> bool:
         """Whether the largest magnitude over the ellipsoid is about the peak of the model that has it."""
         return abs(self.replayed - self.of_ellipsoid) <= AGREES * min(self.of_ellipsoid, self.replayed)
+
+    def at_least(self, sensitivity: Peak, complementary: Peak, disk: Peak, settings: RobustnessSettings) -> AxisBounds:
+        """The same, no lower than the exact peaks of the model itself."""
+        raised = self.sensitivity.at_least(sensitivity)
+        return replace(
+            self,
+            sensitivity=raised,
+            complementary=self.complementary.at_least(complementary),
+            disk=self.disk.at_least(disk),
+            sensitivity_of_all=self.sensitivity_of_all.at_least(sensitivity),
+            zone=zone_of(raised.value, settings.sensitivity_limits),
+        )
 
     def unbounded(self) -> AxisBounds:
         """The same where nothing bounds the sensitivity."""

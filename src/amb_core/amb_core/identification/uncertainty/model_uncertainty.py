@@ -183,7 +183,8 @@ class ModelUncertainty:
         """The model's frequency response with standard deviations.
 
         Near a zero of an entry, where the deviation is close to the magnitude, phase and logarithm of the magnitude are
-        no longer linear in the parameters, and bands are only approximate.
+        no longer linear in the parameters, and bands are only approximate. An entry that is 0 but for rounding has no
+        direction: its magnitude has the deviation of its real and imaginary part on average, its phase that of pi.
 
         Parameters
         ----------
@@ -209,15 +210,17 @@ class ModelUncertainty:
         for part, by_state, by_input in transfers(self.model, response.frequency, self.model.b):
             change = response_changes(by_state, by_input, *of_matrices)
             values = response.response[part]
-            size = np.maximum(np.abs(values), np.finfo(float).tiny)
-            turned = (
-                change * (values.conj() / size)[..., np.newaxis]
-            )  # real part: along the response; imaginary: across
-            magnitude[part] = np.linalg.norm(turned.real, axis=-1)
+            directed = np.abs(values) > rounding_of(values)
+            size = np.where(directed, np.abs(values), 1.0)
+            # Real part: along the response; imaginary: across.
+            turned = change * (values.conj() / size)[..., np.newaxis]
+            either_way = np.linalg.norm(change, axis=-1) / np.sqrt(2.0)
+            magnitude[part] = np.where(directed, np.linalg.norm(turned.real, axis=-1), either_way)
             phase[part] = np.linalg.norm(turned.imag, axis=-1) / size
             if self.reference is not None:
                 more = self._unexplained(self.reference, response.frequency[part], values, change)
                 magnitude[part], phase[part] = np.hypot(magnitude[part], more), np.hypot(phase[part], more / size)
+            phase[part][~directed] = np.pi
         return replace(response, magnitude_deviation=magnitude, phase_deviation=phase)
 
     def _unexplained(
@@ -289,6 +292,11 @@ class ModelUncertainty:
         except np.linalg.LinAlgError:
             raise IdentificationError("the model has a multiple pole, which has no standard deviation") from None
         return np.asarray(np.einsum("in,qnm,mi->iq", left, self.deviations.a, right, optimize=True)[order])
+
+
+def rounding_of(response: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """What rounding makes of a zero entry of a response of shape (f, p, m), from its largest one: shape (f, 1, 1)."""
+    return np.asarray(np.finfo(float).eps * np.abs(response).max(axis=(1, 2), keepdims=True, initial=0.0))
 
 
 def _interval(group: PoleGroup) -> str:

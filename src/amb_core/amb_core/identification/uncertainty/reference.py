@@ -26,7 +26,7 @@ from amb_core.identification.frequency_response import response_of, transfers
 from amb_core.identification.progress import Watch
 from amb_core.identification.uncertainty.directions import response_changes
 from amb_core.identification.uncertainty.estimate import estimate_uncertainty
-from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
+from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty, rounding_of
 from amb_core.linear.model.state_space import StateSpaceModel
 
 _FREQUENCIES = np.geomspace(4e-4, 0.9, 150)  # at which responses are compared, relative to half the sample rate
@@ -81,13 +81,14 @@ def with_reference(own: ModelUncertainty, reference: ModelUncertainty) -> ModelU
         for _, by_state, by_input in transfers(own.model, frequency, own.model.b)
     ])  # fmt: skip
     difference = response_of(reference.model, frequency).response - of.response
-    weight = 1.0 / np.maximum(np.hypot(of.magnitude_deviation, other.magnitude_deviation), np.finfo(float).tiny)
+    least = np.maximum(rounding_of(of.response), np.finfo(float).tiny)
+    weight = 1.0 / np.maximum(np.hypot(of.magnitude_deviation, other.magnitude_deviation), least)
     rows = (changes * weight[..., np.newaxis]).reshape(-1, changes.shape[-1])
     wanted = (difference * weight).ravel()
     rows, wanted = np.vstack([rows.real, rows.imag]), np.concatenate([wanted.real, wanted.imag])
     # Each of the columns has a factor of variance 1: least squares with that much knowledge.
     factors = np.linalg.solve(rows.T @ rows + np.eye(rows.shape[1]), rows.T @ wanted)
-    size = np.abs(difference) / np.maximum(of.magnitude_deviation, np.finfo(float).tiny)
+    size = np.abs(difference) / np.maximum(of.magnitude_deviation, least)
     return replace(
         own,
         root=np.column_stack([own.root, own.root @ factors]),

@@ -23,9 +23,10 @@ from amb_core.ground.files.arrays import load_arrays
 from amb_core.ground.files.file_errors import reading
 from amb_core.ground.files.matlab import load_variables, save_variables
 from amb_core.ground.files.regular_files import MIB, is_folder, read_text
-from amb_core.ground.given_values import kind_of, number, path_of, whole_number
+from amb_core.ground.given_values import number, path_of, whole_number
 from amb_core.linear import LinearSystem
 from amb_core.linear.model.mat_fields import fields_of, variables_of
+from amb_core.linear.system import real_array
 
 _UNITS = {"input_units": "A", "output_units": "m"}  # if a model or an old file names none
 _LATER = (*_UNITS, "fingerprint", "search", "undecided")  # fields that old files lack
@@ -82,7 +83,7 @@ class StateSpaceModel(LinearSystem):
     Raises
     ------
     IdentificationError
-        If shapes do not fit together or a value is not finite.
+        If shapes do not fit together, or a value is not finite or has an imaginary part.
     """
 
     a: NDArray[np.float64]
@@ -109,13 +110,7 @@ class StateSpaceModel(LinearSystem):
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
-            try:
-                array = np.array(getattr(self, name), dtype=np.float64, order="C")
-            except (TypeError, ValueError):  # texts, rows of different lengths
-                allowed = "an array of real numbers"
-                raise IdentificationError(
-                    f"{name}: {kind_of(getattr(self, name))} is not allowed; allowed: {allowed}"
-                ) from None
+            array = real_array(name, getattr(self, name))
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         for kind in ("input", "output"):
