@@ -35,6 +35,17 @@ def test_the_orbit_is_in_um_with_plant_model_and_backup_bearing(measured: LoopRe
     assert np.hypot(*bearing.get_xydata().T) == pytest.approx(250.0)
 
 
+@pytest.mark.filterwarnings("error")
+def test_the_orbit_remains_where_samples_are_missing(measured: LoopRecord) -> None:
+    position = measured.position.copy()
+    position[200:250] = np.nan
+    chart = orbit_chart(replace(measured, position=position))
+    (plant,) = chart.panels[0].items
+    assert isinstance(plant, Curve)
+    assert np.isfinite(plant.x).sum() == 450 and np.isnan(plant.x).sum() == 1
+    assert "it reaches 50 µm on x and 76 µm on y" in chart.alt
+
+
 def test_the_response_is_in_um_over_s_with_the_fit_of_each_axis(measured: LoopRecord) -> None:
     figure = response_chart(measured, replace(measured, position=1.01 * measured.position)).figure()
     upper, lower = figure.axes

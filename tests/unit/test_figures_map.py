@@ -69,6 +69,13 @@ def test_areas_leave_no_place_out_and_cover_none_twice(region_map) -> None:
         np.testing.assert_array_equal(lower.high, upper.low)
 
 
+def test_the_alt_text_has_the_frequencies_of_each_boundary_in_either_direction() -> None:
+    settings = MapSettings(amplitude_low=10e-6, amplitude_high=100e-6)
+    rising = RegionMap(settings, (sweep(10e-6, B=500.0, C=800.0, D=900.0), sweep(100e-6, B=600.0, D=900.0)))
+    assert "B drifting bias begins from 500 to 600 Hz, C slow oscillation begins at 800 Hz" in map_chart(rising).alt
+    assert "D delevitated begins at 900 Hz." in map_chart(rising).alt
+
+
 def test_onsets_are_points_and_those_by_resonance_hollow(region_map) -> None:
     points = {item.label: item for item in items(map_chart(region_map), Points)}
     assert points["D, simulated"].x == pytest.approx([10.0, 30.0])

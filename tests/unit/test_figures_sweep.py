@@ -131,6 +131,13 @@ def test_alt_text_and_table_name_the_onsets(record, classification) -> None:
     assert ("y", "B drifting bias", "0.800", "400.0") in chart.table.rows
 
 
+def test_the_alt_text_has_the_motion_of_what_is_drawn(record, classification, frequency) -> None:
+    assert "moves up to 0 µm" in sweep_chart(record, classification, axes="x").alt
+    late = replace(record, position=np.where(np.arange(STEPS)[:, np.newaxis] < START, 1e-3, record.position))
+    swept = sweep_chart(late, classification, frequency, over="frequency").alt
+    assert "from 0.2 s to 2.0 s" in swept and "moves up to 86 µm" in swept
+
+
 def test_figure_and_page_show_the_same(record, classification) -> None:
     figure = sweep_chart(record, classification, axes="xy").figure()
     page = sweep_chart(record, classification, axes="xy").page()
@@ -158,3 +165,10 @@ def test_a_path_keeps_what_can_be_seen() -> None:
     rest = np.full((1000, 2), 0.5)
     path = np.vstack([rest, [[1.0, 0.5]], rest])
     assert thinned_path(path, 0.1).tolist() == [[0.5, 0.5], [1.0, 0.5], [0.5, 0.5], [0.5, 0.5]]
+
+
+def test_a_path_with_gaps_keeps_what_lies_between_them() -> None:
+    gap = np.full((5, 2), np.nan)
+    path = np.vstack([gap, [[0.0, 0.0], [1.0, 0.0]], gap, [[2.0, 0.0]], gap])
+    assert thinned_path(path, 0.1)[:, 0] == pytest.approx([0.0, 1.0, np.nan, 2.0], nan_ok=True)
+    assert thinned_path(gap, 0.1).shape == (1, 2)

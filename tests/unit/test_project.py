@@ -129,6 +129,43 @@ def test_a_bag_is_an_experiment(folder: Path) -> None:
     assert status.step.command == command
 
 
+@pytest.fixture
+def identified(folder: Path) -> Path:
+    """The folder with two bags, of whose names one begins with the other, and a model of the longer one."""
+    for bag, number in (("run1", 3), ("run10", 4)):
+        write_telemetry(folder / bag, [(1, 100 * block) for block in range(number)])
+    (folder / "model/summary.json").write_text(json.dumps({"inputs": inputs_of(Path("run10"))}))
+    return folder
+
+
+def certificate(folder: Path, certified: bool, statement: str) -> None:
+    inputs = {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}}
+    content = {"certified": certified, "statement": statement, "checks": [], "inputs": inputs}
+    (folder / "certificate.json").write_text(json.dumps(content))
+
+
+def test_the_bag_of_the_model_and_another_one_are_named_for_the_certificate(identified: Path) -> None:
+    assert status_of(identified).step.command == "amb certify model/model.json --bag run10 --validation-bag run1"
+
+
+@pytest.mark.parametrize(
+    ("certified", "statement", "end"),
+    [(True, "certified", ""), (False, "predicted", "; the certificate states: predicted")],
+)
+def test_at_the_end_the_statement_of_a_certificate_that_certifies_nothing_is_named(
+    identified: Path, certified: bool, statement: str, end: str
+) -> None:
+    certificate(identified, certified, statement)
+    assert status_of(identified).step.reason == f"everything is there and current{end}"
+
+
+def test_at_the_end_what_is_not_known_to_be_current_is_named(identified: Path) -> None:
+    certificate(identified, True, "certified")
+    (identified / "model/summary.json").unlink()
+    unknown = "everything is there; not known to be current: model/model.json, certificate.json"
+    assert status_of(identified).step.reason == unknown
+
+
 def test_the_next_commands_lead_from_an_empty_folder_to_the_map(folder: Path, tmp_path_factory) -> None:
     empty = tmp_path_factory.mktemp("empty")
     assert status_of(empty).step.command == "amb new bearing.yaml"

@@ -21,13 +21,14 @@ from amb_core.report.pages.recording import recording_report
 from tests.bag_messages import PARAMETERS, TELEMETRY, definition, telemetry
 
 
-def write_bag(folder: Path, record: LoopRecord, controller: bool = True) -> Path:
+def write_bag(folder: Path, *records: LoopRecord, controller: bool = True) -> Path:
     with BagWriter(folder) as bag:
         for topic, kind in (("/amb/telemetry", TELEMETRY), ("/parameter_events", PARAMETERS)):
             bag.add_topic(topic, kind, definition(kind))
         if controller:
             bag.write_parameters("/parameter_events", "/amb/pd_controller", ControllerParameters().model_dump(), 0)
-        bag.write("/amb/telemetry", telemetry(record), 0)
+        for record in records:
+            bag.write("/amb/telemetry", telemetry(record), 0)
     return folder
 
 
@@ -99,6 +100,21 @@ def test_a_model_that_is_not_validated_is_not_certified_and_the_section_has_the_
 def test_robustness_is_left_out_where_it_is_not_wanted(excited: Path, tmp_path: Path) -> None:
     amb_report(excited, "--order", 6, "--no-certify", "--out", tmp_path / "report.html")
     assert '">Robustness</h2>' not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_gap_is_counted_and_the_response_is_said_to_be_of_one_part(excited: Path, tmp_path: Path) -> None:
+    whole = Recording.read(excited).telemetry()
+    first, middle = whole.first_step, whole.first_step + whole.steps // 2
+    parts = whole.window(first, middle - 500 - first), whole.window(middle, first + whole.steps - middle)
+    report = recording_report(Recording.read(write_bag(tmp_path / "gap", *parts)), order=6)
+    table = next(block for block in report.opening if isinstance(block, TableBlock))
+    rows = {text_of(row[0]): text_of(row[1]) for row in table.rows}
+    assert rows["steps"] == f"{whole.steps}, from step {first} on"
+    assert rows["samples"] == str(whole.steps - 500)
+    titles = [block.title for section in report.sections for block in section.blocks if isinstance(block, FigureBlock)]
+    last = first + whole.steps - 1
+    part = f"the longest of 2 parts (steps {middle} to {last}); fits are of this part"
+    assert f"Response of plant and model, {part}" in titles
 
 
 def test_a_recording_is_read_once(excited: Path, tmp_path: Path) -> None:

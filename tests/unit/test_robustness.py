@@ -17,6 +17,9 @@ from amb_core.linear import LinearSystem
 from amb_core.loop.control import ControllerParameters
 from amb_core.loop.known_controller import LinearControl
 from amb_core.loop.linear_control import LinearControllerParameters
+from amb_core.report.pages import Prose
+from amb_core.report.pages.certificate import certificate_report
+from amb_core.report.pages.robustness import robustness_badge
 from amb_core.robustness import (
     Block,
     RobustnessSettings,
@@ -230,6 +233,27 @@ def test_a_bending_mode_moves_by_the_change_that_is_asked() -> None:
     step = 1e-6 * 1j * mode.pole
     moved = np.linalg.eigvals(a + mode.into_states @ mode.row(step))
     assert np.abs(moved - (mode.pole + step)).min() < 1e-10
+
+
+def test_a_page_without_a_worst_case_says_that_none_was_found(loop, assessment) -> None:
+    certificate = certify(*loop, settings=SETTINGS)
+    for upper, size in ((0.5, "2.000 times"), (0.0, "any size of")):
+        mu = replace(assessment.mu, upper=upper, lower=0.0, perturbation=np.empty(0, complex))
+        report = certificate_report(replace(certificate, assessment=replace(assessment, mu=mu, on_circle=math.nan)))
+        (text, *_) = next(section for section in report.sections if section.heading.startswith("Structured")).blocks
+        assert isinstance(text, Prose)
+        assert text.text == (
+            f"The loop tolerates {size} the assumed perturbations together. No perturbation was found that makes the "
+            "loop unstable."
+        )
+
+
+def test_reports_show_a_refusal_as_the_certificate_does(loop) -> None:
+    certificate = certify(*loop, settings=SETTINGS)
+    assert certificate.statement == "not certified" and certificate.assessment is not None
+    strip = certificate_report(certificate).strip
+    assert strip is not None
+    assert (strip.verdict.state, robustness_badge(certificate).state) == ("bad", "bad")
 
 
 def test_mu_needs_a_perturbation_for_each_signal(assessment) -> None:

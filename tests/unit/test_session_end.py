@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import signal
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -160,6 +161,33 @@ def test_a_commissioning_lands_although_it_is_interrupted_twice(
     with pytest.raises(KeyboardInterrupt):
         session.carry_out(tmp_path / "bag")
     assert bridge.asked == ["deactivate"]
+
+
+@pytest.mark.parametrize(
+    ("problem", "text"),
+    [(ValueError("no\nnumber"), r"internal error: ValueError('no\nnumber')"), (ClientError("no disk"), "no disk")],
+)
+def test_a_commissioning_that_ends_in_an_error_has_not_passed(
+    problem: Exception, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bridge = Bridge(life_cycle="unconfigured")
+    monkeypatch.setattr(commissioning, "create_subscription", lambda *_: None)
+    monkeypatch.setattr(commissioning, "Measurements", lambda *_: SimpleNamespace(run=1))
+    monkeypatch.setattr(commissioning.Session, "_connect", lambda _: [])
+    amb: Any = bridge
+    amb.start_recording = lambda _: _raise(problem)
+    session = commissioning.Session(
+        amb, CommissioningSettings(), BridgeParameters(), None, None, None, lambda: None, lambda _: None, wiring=False
+    )
+    with suppress(ValueError):  # an internal error is reported; a problem of the rig leads to the landing
+        session.carry_out(tmp_path / "bag")
+    first = session.protocol.steps[0]
+    assert (first.name, first.result, first.problem) == ("connection", "failed", text)
+    assert session.protocol.to_json()["result"] == "failed"
+
+
+def _raise(problem: Exception) -> None:
+    raise problem
 
 
 def test_ctrl_c_during_the_end_neither_stops_it_nor_hides_what_is_left_to_do() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from amb_core.identification.validation import Prediction, check_residuals
-from amb_core.report.figures.comparison import comparison_chart
+from amb_core.report.figures.comparison import comparison_chart, title_of_longest
 from amb_core.report.figures.drawing import Band, Curve, Points, Span
 from amb_core.report.figures.prediction import prediction_chart
 from amb_core.report.figures.residuals import residuals_chart
@@ -33,7 +33,8 @@ def test_residuals_outside_of_the_band_are_marked() -> None:
     assert band.high[0] == pytest.approx(2.576 / np.sqrt(4_000), rel=1e-3)
     feedback = next(item for item in x_by_i_y.items if isinstance(item, Span))
     assert feedback.stop == 0.5  # lag 0 is the answer of the controller to the residual
-    assert "not independent" in chart.alt
+    assert "not independent" in chart.alt and "At 99.9 % they are" in chart.alt
+    assert chart.table is not None and chart.table.header[-1] == "explained variance"
 
 
 def test_each_prediction_has_its_curve_over_the_horizon() -> None:
@@ -57,3 +58,12 @@ def test_the_comparison_shows_measured_and_models_and_their_errors(bearing) -> N
     assert labels(error.items) == {"two"}
     assert isinstance(error.items[0], Curve) and error.items[0].y == pytest.approx(-1.0)
     assert "one fits to 100.0 % on x" in chart.alt
+
+
+def test_a_figure_of_one_of_several_parts_names_it(bearing) -> None:
+    record = bearing.experiment(2e-8, force=0.1, frequency=20.0, duration=0.6)
+    first = record.first_step
+    parts = (record.window(first, 100), record.window(first + 200, 300))
+    title = title_of_longest("Response", parts)
+    assert title == f"Response, the longest of 2 parts (steps {first + 200} to {first + 499}); fits are of this part"
+    assert title_of_longest("Response", parts[:1]) == "Response"

@@ -20,6 +20,7 @@ from amb_core.ground.results import plain
 from amb_core.loop.telemetry import describe_gaps
 from amb_core.regions import Onset, Region
 from amb_core.regions.stretches import beats, shares, stretches
+from amb_core.report.linear_claim import LinearClaim
 
 
 @data_options
@@ -53,7 +54,6 @@ def regions(
 def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
     """The result as plain JSON values, times in s and frequencies in Hz."""
     record, classification = classified.record, classified.classification
-    parts = stretches(classification.states)
     return {
         "bag": str(bag),
         "run": classified.run,
@@ -63,8 +63,8 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
         "gaps": classified.gaps,
         "frozen": classified.frozen,
         "delevitated": classified.delevitated,
-        "region_at_end": parts[-1].region.name if parts else None,
-        "shares": {region.name: share for region, share in _judged_shares(classified, shares(parts)).items()},
+        "region_at_end": _region_at_end(classified),
+        "shares": {region.name: share for region, share in _judged_shares(classified).items()},
         "not_judged": classification.judged.as_dict,
         "onsets": {
             part: {region.name: _onset(region, onset) for region, onset in onsets.items()}
@@ -83,10 +83,23 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
     }
 
 
-def _judged_shares(classified: RecordedRegions, share: dict[Region, float]) -> dict[Region, float | None]:
-    """The shares, with None for a region that was not judged and not found either."""
-    found = classified.classification
-    known = {Region.A, *found.judged.looked_for(), *found.onsets}
+def _claim(classified: RecordedRegions) -> LinearClaim:
+    return LinearClaim.of(classified.classification, classified.frozen)
+
+
+def _region_at_end(classified: RecordedRegions) -> str | None:
+    """The letter of the last region; None where nothing was classified, or A may not be said."""
+    parts = stretches(classified.classification.states)
+    if not parts or (parts[-1].region is Region.A and not _claim(classified).holds()):
+        return None
+    return parts[-1].region.name
+
+
+def _judged_shares(classified: RecordedRegions) -> dict[Region, float | None]:
+    """The shares of the time; None for a region that was not judged and not found either, and for an A not said."""
+    found, claim = classified.classification, _claim(classified)
+    known = {*claim.looked_for, *found.onsets, *([Region.A] if claim.holds() else [])}
+    share = shares(stretches(found.states))
     return {region: part if region in known else None for region, part in share.items()}
 
 
@@ -127,7 +140,9 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
         what = "missing" if classified.gaps == classified.missing else "missing or not finite"
         console.print(f"{describe_gaps(classified.gaps)} are {what}; the classification restarts after", style="yellow")
     console.print(_table(classified, summary))
-    for problem in filter(None, (classified.frozen_problem, classified.centre_problem)):
+    claim = _claim(classified)
+    sensors = classified.frozen_problem or claim.still_problem
+    for problem in filter(None, (sensors, classified.centre_problem)):
         console.print(problem, style="yellow", highlight=False)
     if classified.longer > 1.0:
         used, rate = classified.parameters, 1.0 / classified.record.sample_time
@@ -138,17 +153,17 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
     for low, high, start, stop in summary["sampling_beats"]:
         at = "" if low is None or high is None else f", {low:.0f} to {high:.0f} Hz"
         console.print(f"the input beats with the sample rate from {start:.2f} to {stop:.2f} s{at}")
-    if summary["region_at_end"] is None:
+    parts = stretches(classified.classification.states)
+    if not parts:
         console.print("too short for B and C: they were not evaluated", style="yellow")
         return
-    judged = classified.classification.judged
-    linear = "A" if judged.complete() else "none found"
-    named = {name: linear if name == "A" else name for name in summary["shares"]}
-    known = {name: share for name, share in summary["shares"].items() if share is not None}
-    shares = ", ".join(f"{named[name]} {100 * share:.1f} %" for name, share in known.items())
-    at_end = summary["region_at_end"]
-    last = "none found" if at_end == "A" and linear != "A" else f"in region {at_end}"
-    console.print(f"at the end {last}; share of the time: {shares}")
+    named = {region: claim.name if region is Region.A else region.name for region in Region}
+    shown = {region: part for region, part in shares(parts).items()
+             if region is Region.A or summary["shares"][region.name] is not None}  # fmt: skip
+    time = ", ".join(f"{named[region]} {100 * part:.1f} %" for region, part in shown.items())
+    last = f"in region {summary['region_at_end']}" if summary["region_at_end"] else claim.name
+    console.print(f"at the end {last}; share of the time: {time}")
+    judged = claim.judged
     for what in judged.reservations:
         console.print(what, style="yellow", highlight=False)
     if not all(judged.contact.values()):
@@ -157,7 +172,7 @@ def _print(console: Console, classified: RecordedRegions, summary: dict[str, Any
 
 def _table(classified: RecordedRegions, summary: dict[str, Any]) -> Table:
 
-    judged, long_enough = classified.classification.judged, summary["region_at_end"] is not None
+    claim, long_enough = _claim(classified), bool(stretches(classified.classification.states))
     end = summary["first_step"] + summary["steps"]
     table = Table("", "region", "from (s)", "input (Hz)", "reason", title=f"Run {summary['run']}, {end} steps")
     for column in table.columns[2:4]:
@@ -169,7 +184,7 @@ def _table(classified: RecordedRegions, summary: dict[str, Any]) -> Table:
             table.add_row(part, name, f"{onset['time']:.3f}", at, onset["reason"])
         if not onsets:
             axis = None if part == "rotor" else part
-            found = ("A" if judged.complete(axis) else "", "", "", judged.absent(axis))
+            found = (Region.A.name if claim.holds(axis) else "", "", "", claim.absent(axis))
             table.add_row(part, *(found if long_enough else ("", "", "", "not classified")))
     return table
 
@@ -190,5 +205,5 @@ def _write(out: Path, classified: RecordedRegions, summary: dict[str, Any], axes
     response = (classified.record, classified.classification, classified.frequency)
     over = "frequency" if rises(classified.frequency) else "time"
     drawn: dict[str, Any] = {"over": over, "axes": axes, "title": f"Regions of run {classified.run}"}
-    sweep_chart(*response, **drawn).save(out, "sweep")
+    sweep_chart(*response, **drawn, frozen=classified.frozen).save(out, "sweep")
     write_json(out / "summary.json", summary)

@@ -24,7 +24,7 @@ from amb_bringup.experiments.measurements import SETTLING, Measurements, whole
 from amb_bringup.experiments.wiring import Wiring, require_rest
 from amb_core.designs.excitation.beyond_a import highest_load
 from amb_core.excitation import generate
-from amb_core.ground.errors import AmbError
+from amb_core.ground.errors import AmbError, one_line
 from amb_core.ground.files.parameter_files import BRIDGE_NODE
 from amb_core.ground.units import UM
 from amb_core.linear.model import StateSpaceModel
@@ -130,9 +130,7 @@ class Session:
         try:
             if self.wiring:
                 self._wire()
-            self._step("connection", "Connect to the target and observe the link", self._connect)
-            if not self.protocol.failed:
-                self.amb.start_recording(bag)
+            self._step("connection", "Connect to the target and observe the link", lambda: self._begin(bag))
             self._step("sensors", "Sensors while the rotor rests, currents off", self._sensors)
             self._step("emergency stop", "Emergency stop, by hand, currents off", self._emergency_stop)
             self._step("levitation", "Levitate, land, and levitate again", self._levitate, "levitate the rotor")
@@ -178,8 +176,8 @@ class Session:
             step.skipped = "" if always else self._obstacle(name, title, moves)
             if not step.skipped:
                 self._carry_out(step, action)
-        except KeyboardInterrupt:
-            step.problem = "interrupted"
+        except BaseException as problem:  # the protocol is written all the same: the step has not passed
+            step.problem = _why_it_ended(problem)
             raise
         self.show(step)
 
@@ -215,6 +213,12 @@ class Session:
         return str(problem)
 
     # -- steps
+
+    def _begin(self, bag: Path) -> list[Check]:
+        checks = self._connect()
+        if all(check.passed is not False for check in checks):
+            self.amb.start_recording(bag)
+        return checks
 
     def _connect(self) -> list[Check]:
         settings, rig = self.settings, self.amb.rig
@@ -415,6 +419,13 @@ class Session:
         for status in message.status:
             if f"/{status.name}" == self._bridge_name:
                 self._link = {item.key: item.value for item in status.values}
+
+
+def _why_it_ended(problem: BaseException) -> str:
+    """What ended a step that did not come to its end, in one line."""
+    if isinstance(problem, KeyboardInterrupt):
+        return "interrupted"
+    return one_line(problem if isinstance(problem, AmbError) else f"internal error: {problem!r}")
 
 
 class _NotDoneError(Exception):

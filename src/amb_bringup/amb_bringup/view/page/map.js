@@ -4,6 +4,7 @@ import { axisColour, colour, line, prepared } from "./drawing.js";
 
 const LEFT = 58, RIGHT = 10, TOP = 8, BOTTOM = 28; // px
 const TRAIL = 400; // points per axis
+const SINGLE = 1.1; // ratio of amplitudes from a map's only sweep to the ends of its areas
 const REGIONS = { B: [6, 4], C: [8, 3, 2, 3], D: [] }; // dash of the boundary
 const trails = new Map();
 let trailRun = null;
@@ -54,19 +55,34 @@ function rangeOf(map) {
   return { from, to, low, high };
 }
 
+// The boundary of a region as runs of points [frequency, amplitude], one run for neighbouring sweeps that have it. It
+// ends half-way to a neighbour that lacks it.
+export function boundaryOf(map, name) {
+  const { amplitude, boundaries } = map, frequencies = boundaries[name], runs = [];
+  const alone = amplitude.length === 1 ? SINGLE : 1;
+  const halfWay = (sweep, step) => Math.sqrt(amplitude[sweep] * (amplitude[sweep + step] ?? amplitude[sweep] * alone ** (2 * step)));
+  const lacks = (sweep) => (frequencies[sweep] ?? null) === null;
+  frequencies.forEach((frequency, sweep) => {
+    if (lacks(sweep)) return;
+    if (lacks(sweep - 1)) runs.push([[frequency, halfWay(sweep, -1)]]);
+    runs.at(-1).push([frequency, amplitude[sweep]]);
+    if (lacks(sweep + 1)) runs.at(-1).push([frequency, halfWay(sweep, 1)]);
+  });
+  return runs;
+}
+
 // From each boundary to the right edge: what lies behind a further boundary is tinted by both.
 function drawAreas(context, map, x, y, width) {
   context.globalAlpha = 0.16;
   for (const name of Object.keys(REGIONS)) {
-    const points = map.amplitude.map((amplitude, sweep) => [map.boundaries[name][sweep], y(amplitude)])
-      .filter(([frequency]) => frequency !== null).map(([frequency, height]) => [x(frequency), height]);
-    if (points.length < 2) continue;
     context.fillStyle = colour(name.toLowerCase());
-    context.beginPath();
-    for (const point of points) context.lineTo(...point);
-    context.lineTo(width - RIGHT, points.at(-1)[1]);
-    context.lineTo(width - RIGHT, points[0][1]);
-    context.fill();
+    for (const run of boundaryOf(map, name)) {
+      context.beginPath();
+      for (const [frequency, amplitude] of run) context.lineTo(x(frequency), y(amplitude));
+      context.lineTo(width - RIGHT, y(run.at(-1)[1]));
+      context.lineTo(width - RIGHT, y(run[0][1]));
+      context.fill();
+    }
   }
   context.globalAlpha = 1;
 }
@@ -74,25 +90,20 @@ function drawAreas(context, map, x, y, width) {
 function drawBoundaries(context, map, x, y) {
   context.lineWidth = 2;
   for (const [name, dash] of Object.entries(REGIONS)) {
+    const runs = boundaryOf(map, name);
     context.strokeStyle = context.fillStyle = colour(name.toLowerCase());
     context.setLineDash(dash);
-    context.beginPath();
-    let started = false, last = null;
-    map.boundaries[name].forEach((frequency, sweep) => {
-      if (frequency === null) {
-        started = false;
-        return;
-      }
-      last = [x(frequency), y(map.amplitude[sweep])];
-      if (started) context.lineTo(...last);
-      else context.moveTo(...last);
-      started = true;
-    });
-    context.stroke();
+    for (const run of runs) {
+      context.beginPath();
+      for (const [frequency, amplitude] of run) context.lineTo(x(frequency), y(amplitude));
+      context.stroke();
+    }
     context.setLineDash([]);
     context.textAlign = "left";
     context.textBaseline = "top";
-    if (last) context.fillText(name, last[0] + 4, last[1] + 2);
+    if (!runs.length) continue;
+    const [frequency, amplitude] = runs.at(-1).at(-1);
+    context.fillText(name, x(frequency) + 4, y(amplitude) + 2);
   }
 }
 

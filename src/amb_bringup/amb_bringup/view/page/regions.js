@@ -10,14 +10,15 @@ export function element(tag, properties = {}, ...children) {
   return made;
 }
 
-// The lamps; `unjudged` says why the last regions hold no longer, and is empty while they do.
-export function showRegions(list, region, unjudged = "") {
+// The lamps; `away` says why the last regions hold no longer, and is empty while they do.
+export function showRegions(list, region, away = "") {
   list.previousElementSibling.hidden = Boolean(region);
   if (!region) return;
   while (list.children.length > region.axes.length) list.lastElementChild.remove();
   region.axes.forEach((axis, number) => {
     const item = list.children[number] || list.appendChild(newLamp());
     const [lamp, name, evidence] = item.children;
+    const unjudged = away || (axis.frozen ? "sensor stands still" : ""); // it shows no region
     lamp.textContent = unjudged ? "–" : axis.region;
     lamp.dataset.region = unjudged ? "none" : axis.region;
     const early = axis.region === "A" && !region.settled; // delevitation is seen at once
@@ -46,6 +47,5 @@ function evidenceOf(axis) {
   if (axis.steady[0] > 0) evidence.push(`steady line ${micro(axis.steady[0])} at ${hertz(axis.steady[1])}`);
   if (axis.resonance) evidence.push("at its resonance");
   if (axis.beat) evidence.push("beats with the sample rate");
-  if (axis.frozen) evidence.push("SENSOR STANDS STILL");
   return evidence;
 }

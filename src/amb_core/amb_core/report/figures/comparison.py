@@ -81,6 +81,33 @@ def comparison_chart(
     return Chart(title, alt, tuple(panels), shared_x=True, size=(9.0, 4.5 * len(measured.axes)))
 
 
+def longest_of(records: Sequence[LoopRecord]) -> int:
+    """Place of the longest record, the only one that a figure shows."""
+    return int(np.argmax([record.steps for record in records]))
+
+
+def title_of_longest(title: str, records: Sequence[LoopRecord]) -> str:
+    """The title of a figure of the longest record; it names the steps where there are others, of which nothing is seen.
+
+    Parameters
+    ----------
+    title : str
+        What the figure shows.
+    records : sequence of LoopRecord
+        All parts; at least one.
+
+    Returns
+    -------
+    str
+        The title, with the part that it is of.
+    """
+    if len(records) == 1:
+        return title
+    shown = records[longest_of(records)]
+    steps = f"steps {shown.first_step} to {shown.first_step + shown.steps - 1}"
+    return f"{title}, the longest of {len(records)} parts ({steps}); fits are of this part"
+
+
 def save_validation_figures(
     folder: str | Path, validations: Mapping[str, Validation], entries: Sequence[Entry] | None = None
 ) -> list[str]:
@@ -114,8 +141,9 @@ def save_validation_figures(
     responses = _responses(validations)
     bode_chart(responses, entries=entries).save(folder, "bode")
     measured, simulated = _closed_loops(validations)
-    if measured is not None and simulated:
-        response = (measured, simulated, TITLE, MODELS, (DEVIATIONS,))
+    if measured and simulated:
+        title = title_of_longest(TITLE, measured)
+        response = (measured[longest_of(measured)], simulated, title, MODELS, (DEVIATIONS,))
         comparison_chart(*response).save(folder, "response")
         names.insert(0, "response")
     for number, (label, item) in enumerate(validations.items(), start=1):
@@ -126,18 +154,18 @@ def save_validation_figures(
     return names
 
 
-def _closed_loops(validations: Mapping[str, Validation]) -> tuple[LoopRecord | None, dict[str, LoopRecord]]:
-    """The longest measured experiment and, by name, the models' simulations of it, without those that diverge."""
+def _closed_loops(validations: Mapping[str, Validation]) -> tuple[Sequence[LoopRecord], dict[str, LoopRecord]]:
+    """The measured experiments and, by name, the models' simulations of the longest, without those that diverge."""
     loops = {label: item.closed_loop for label, item in validations.items() if item.closed_loop is not None}
     if not loops:
-        return None, {}
+        return (), {}
     one = next(iter(loops.values()))
-    longest = int(np.argmax([record.steps for record in one.measured]))
+    longest = longest_of(one.measured)
     if len(validations) == 1:
         simulated = {"model, means added": one.simulated[longest], DEVIATIONS: one.without_means[longest]}
     else:
         simulated = {label: loop.simulated[longest] for label, loop in loops.items()}
-    return one.measured[longest], {label: record for label, record in simulated.items() if record is not None}
+    return one.measured, {label: record for label, record in simulated.items() if record is not None}
 
 
 def _responses(validations: Mapping[str, Validation]) -> list[FrequencyResponse]:

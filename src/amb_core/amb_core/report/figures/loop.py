@@ -57,7 +57,7 @@ def orbit_chart(
     panels, texts = [], []
     for plane, model in zip(planes, models, strict=True):
         x, y = plane.axes
-        reach = UM * np.abs(plane.position).max(axis=0)
+        reach = UM * np.nanmax(np.abs(plane.position), axis=0)
         text = "Orbit of the rotor in the bearing plane: "
         text += f"it reaches {reach[0]:.0f} µm on {x} and {reach[1]:.0f} µm on {y}."
         curves = [_path(plane, "plant", PLANT)]
@@ -82,7 +82,8 @@ def listed(words: Sequence[str]) -> str:
 
 
 def _path(record: LoopRecord, label: str, stroke: Stroke) -> Curve:
-    path = UM * thinned_path(record.position, HIDDEN * float(np.ptp(record.position, axis=0).max()))
+    size = np.nanmax(record.position, axis=0) - np.nanmin(record.position, axis=0)
+    path = UM * thinned_path(record.position, HIDDEN * float(size.max()))
     return Curve(path[:, 0], path[:, 1], label, stroke)
 
 

@@ -218,7 +218,9 @@ def _ranges(region_map: RegionMap) -> str:
         known = region_map.frequencies(region)
         known = known[np.isfinite(known)]
         if len(known):
-            parts.append(f"{region_label(region)} begins at {known[0]:.0f} Hz down to {known[-1]:.0f} Hz")
+            ends = dict.fromkeys(f"{frequency:.0f}" for frequency in known[[0, -1]])
+            where = f"at {next(iter(ends))} Hz" if len(ends) == 1 else f"from {' to '.join(ends)} Hz"
+            parts.append(f"{region_label(region)} begins {where}")
     return ", ".join(parts) or f"all of it is region {region_label(Region.A)}"
 
 

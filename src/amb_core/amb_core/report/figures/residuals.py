@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from amb_core.identification.validation import ChiSquareTest, ResidualTests
+from amb_core.identification.validation.residuals import CONFIDENCE
 from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.drawing import Axis, Band, Curve, Item, Panel, Points, Span, Table
 from amb_core.report.figures.style import BLUE, GREY, SKY, VERMILION, Stroke
@@ -57,10 +58,10 @@ def residuals_chart(
         ("independence of past inputs", *_numbers(tests.independence)),
     ]
     alt = (
-        f"Correlations of the residuals over lags to {tests.lags} samples. At 99 % they are "
-        f"{_verdict(tests.whiteness, 'white')}, and {_verdict(tests.independence, 'independent')} of past inputs."
+        f"Correlations of the residuals over lags to {tests.lags} samples. At {100.0 * CONFIDENCE:g} % they "
+        f"are {_verdict(tests.whiteness, 'white')}, and {_verdict(tests.independence, 'independent')} of past inputs."
     )
-    table = Table(("test of all outputs together", "statistic", "limit", "p", "unexplained variance"), tuple(rows))
+    table = Table(("test of all outputs together", "statistic", "limit", "p", "explained variance"), tuple(rows))
     columns = len(output_names)
     size = (4.8 * max(columns, 2), 1.2 + 2.4 * (1 + len(input_names)))
     return Chart(title, alt, tuple(panels), columns, size=size, table=table)

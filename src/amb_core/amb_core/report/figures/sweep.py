@@ -16,8 +16,9 @@ from amb_core.regions import Classification, Onset, Region
 from amb_core.regions.stretches import stretches
 from amb_core.report.figures.chart import Chart
 from amb_core.report.figures.drawing import Axis, Curve, Item, Panel, Rule, Span, Table
-from amb_core.report.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, Stroke, region_label
+from amb_core.report.figures.style import GREY, MEAN, MODEL, PLANT, REGIONS, Stroke, region_label, sentence
 from amb_core.report.figures.thinning import extremes
+from amb_core.report.linear_claim import NONE_FOUND, LinearClaim
 
 BEAT = Stroke(GREY, width=5.0)
 MEAN_TIME = 0.1  # s, longer than the periods of input and loop, shorter than a drift
@@ -47,10 +48,12 @@ def sweep_chart(
     model: LoopRecord | None = None,
     axes: Sequence[str] = (),
     title: str = "Response to a sweep",
+    frozen: Sequence[str] = (),
 ) -> Chart:
     """Position over time or over the instantaneous input frequency, in the colours of the regions.
 
-    The onsets are those of the rotor. Long records are drawn by their extremes.
+    The onsets are those of the rotor. Long records are drawn by their extremes. Where A may not be said, since a region
+    was not judged or a sensor stands still, the time without B, C and D has no letter.
 
     Parameters
     ----------
@@ -69,6 +72,8 @@ def sweep_chart(
         Names of the axes to show; by default those that are excited.
     title : str, optional
         Title of the figure.
+    frozen : sequence of str, optional
+        Positions that keep one value while their axis moves, see `RecordedRegions.frozen`.
 
     Returns
     -------
@@ -85,7 +90,8 @@ def sweep_chart(
     if unknown:
         raise RegionError(f"no axis {', '.join(unknown)} in the record; its axes: {', '.join(record.axes)}")
     abscissa = _over_time(record) if over == "time" else _over_frequency(record, frequency)
-    regions = _regions(classification, abscissa)
+    claim = LinearClaim.of(classification, frozen)
+    regions = _regions(classification, abscissa, claim)
     panels = []
     for name in axes:
         column = record.axes.index(name)
@@ -97,7 +103,7 @@ def sweep_chart(
         beats = _beats(classification, abscissa, column, limits[0] + 0.3 * margin)
         panels.append(Panel(abscissa.axis, Axis(f"{name} (µm)", limits=limits), (*regions, *curves, *beats)))
     size = (8.0, 4.8 if len(panels) == 1 else 3.4 * len(panels))
-    alt = _alt(record, classification, model is not None, axes)
+    alt = f"{_motion(record, abscissa, axes)} {_alt(classification, claim, model is not None)}"
     return Chart(title, alt, tuple(panels), shared_x=True, size=size, table=_onset_table(classification))
 
 
@@ -139,18 +145,23 @@ def _excited(record: LoopRecord) -> tuple[str, ...]:
     return tuple(name for name, moves in zip(record.axes, moved, strict=True) if moves) or record.axes
 
 
-def _regions(classification: Classification, abscissa: _Abscissa) -> list[Item]:
+def _regions(classification: Classification, abscissa: _Abscissa, claim: LinearClaim) -> list[Item]:
     items: list[Item] = []
     for stretch in stretches(classification.states):
         start, stop = abscissa.at(stretch.first_step), abscissa.at(stretch.stop)
         if stop > start:
-            look = REGIONS[stretch.region]
-            letter = stretch.region.name
-            items.append(Span(start, stop, region_label(stretch.region), look.colour, look.hatch, letter))
+            items.append(_span(stretch.region, start, stop, claim))
     for region, onset in classification.onsets.items():
         label = f"{region.name} begins: {onset_text(onset)}"
         items.append(Rule(abscissa.at(onset.step), label, REGIONS[region].boundary))
     return items
+
+
+def _span(region: Region, start: float, stop: float, claim: LinearClaim) -> Span:
+    if region is Region.A and not claim.holds():
+        return Span(start, stop, NONE_FOUND, GREY)
+    look = REGIONS[region]
+    return Span(start, stop, region_label(region), look.colour, look.hatch, region.name)
 
 
 def _curves(
@@ -182,23 +193,30 @@ def _beats(classification: Classification, abscissa: _Abscissa, axis: int, heigh
     return [Curve(x, np.where(beating, height, np.nan), "input beats with the sample rate", BEAT)]
 
 
-def _alt(record: LoopRecord, classification: Classification, with_model: bool, axes: Sequence[str]) -> str:
-    reach = UM * np.nanmax(np.abs(record.position))
-    text = (
-        f"Rotor position on {' and '.join(axes)} from {record.time[0]:.1f} s to {record.time[-1]:.1f} s; it "
-        f"moves up to {reach:.0f} µm from the centre. "
-    )
-    if with_model:
-        text += "The response of a linear model is drawn over it. "
+def _motion(record: LoopRecord, abscissa: _Abscissa, axes: Sequence[str]) -> str:
+    """How far the axes that are drawn move, in the time that is drawn."""
+    columns = [record.axes.index(name) for name in axes]
+    reach = UM * np.nanmax(np.abs(record.position[abscissa.shown][:, columns]))
+    time = record.time[abscissa.shown]
+    where = f"Rotor position on {' and '.join(axes)} from {time[0]:.1f} s to {time[-1]:.1f} s"
+    return f"{where}; it moves up to {reach:.0f} µm from the centre."
+
+
+def _alt(classification: Classification, claim: LinearClaim, with_model: bool) -> str:
+    text = "The response of a linear model is drawn over it. " if with_model else ""
     if not stretches(classification.states):
         return text + "It is too short for regions B and C."
-    if not classification.onsets:
+    reservations = "".join(f" {sentence(what)}." for what in claim.reservations)
+    if not classification.onsets and claim.holds():
         return text + f"It stays in region A, {REGIONS[Region.A].meaning}."
+    if not classification.onsets:
+        found = "No region is known" if claim.still else f"{sentence(claim.absent())} found"
+        return text + f"{found}.{reservations}"
     begins = [
         f"{region.name} ({REGIONS[region].meaning}) begins at {onset_text(onset)}"
         for region, onset in classification.onsets.items()
     ]
-    return text + "Of the regions, " + "; ".join(begins) + "."
+    return text + "Of the regions, " + "; ".join(begins) + "." + reservations
 
 
 def _onset_table(classification: Classification) -> Table:

@@ -39,7 +39,31 @@ def extremes(
 
 
 def thinned_path(path: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
-    """A path in the plane, shape (n, 2), without the points that lie within a distance of the last one kept."""
+    """A path in the plane without the points that lie within a distance of the last one kept.
+
+    Parameters
+    ----------
+    path : ndarray, shape (n, 2)
+        Points in order; NaN where there is none.
+    distance : float
+        Distance along an axis, in the unit of the path.
+
+    Returns
+    -------
+    ndarray, shape (m, 2)
+        The points that are kept, with one row of NaN for each gap between them.
+    """
+    known = np.isfinite(path).all(axis=1)
+    edges = np.flatnonzero(np.diff(known, prepend=False, append=False))
+    gap = np.full((1, path.shape[1]), np.nan)
+    parts = [gap]
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        parts += [_thinned(path[start:stop], distance), gap]
+    return np.concatenate(parts[1:-1] or parts)
+
+
+def _thinned(path: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+    """Without gaps; the first and the last point are kept."""
     kept = [0]
     for row, step in enumerate(path[1:], start=1):
         if np.abs(step - path[kept[-1]]).max() > distance:

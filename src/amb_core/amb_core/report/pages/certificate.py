@@ -4,24 +4,40 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Literal
 
 from amb_core.ground.errors import AmbError
 from amb_core.ground.given_values import path_of, require_kind
 from amb_core.report.figures.robustness import mu_chart, sensitivity_chart
 from amb_core.report.pages.certificate_trace import header_table, signature_section, trace_section
-from amb_core.report.pages.document import Badge, Block, FigureBlock, Prose, Report, Section, TableBlock, VerdictStrip
+from amb_core.report.pages.document import (
+    Badge,
+    Block,
+    FigureBlock,
+    Prose,
+    Report,
+    Section,
+    State,
+    TableBlock,
+    VerdictStrip,
+)
 from amb_core.report.pages.writer import write_report
 from amb_core.robustness.assessment import Assessment
 from amb_core.robustness.certificate import Certificate, Statement
 from amb_core.robustness.certificate_json import certificate_json, compared_values
-from amb_core.robustness.margins import DiskMargin
+from amb_core.robustness.margins import DiskMargin, reciprocal
 from amb_core.robustness.measured import MeasuredSensitivity
 
 SENSITIVITY = "Sensitivity"
 WORDS: dict[Statement, str] = {
     "restricted": "not certified as a whole: a band only",
     "predicted": "predicted, not certified",
+}
+STATES: dict[Statement, State] = {
+    "certified": "good",
+    "certified with reservations": "limited",
+    "predicted": "limited",
+    "restricted": "limited",
+    "not certified": "bad",
 }
 
 
@@ -79,10 +95,7 @@ def _result(passed: bool) -> Badge:
 
 def _strip(certificate: Certificate) -> VerdictStrip:
     """The verdict, and the peak sensitivity and zone of each axis."""
-    states: dict[Statement, Literal["good", "limited", "bad"]] = {"certified": "good", "not certified": "bad"}
-    outcome = Badge(
-        WORDS.get(certificate.statement, certificate.statement), states.get(certificate.statement, "limited")
-    )
+    outcome = Badge(WORDS.get(certificate.statement, certificate.statement), STATES[certificate.statement])
     assessment, numbers = certificate.assessment, []
     if assessment is not None:
         bounds = {} if assessment.bounds is None else {item.name: item for item in assessment.bounds.axes}
@@ -210,12 +223,12 @@ def _margins(assessment: Assessment) -> Section:
     ]
     if assessment.bounds is not None:
         gap, percent = assessment.bounds.gap, f"{100.0 * assessment.settings.confidence:g} %"
-        worst = ", ".join(f"{item.name} {1.0 / item.disk.value:.4f}" for item in assessment.bounds.axes)
+        worst = ", ".join(f"{item.name} {reciprocal(item.disk.value):.4f}" for item in assessment.bounds.axes)
         blocks.append(
             Prose(
                 f"With {percent} of the models: disk margins {worst}, of all outputs "
-                f"{1.0 / assessment.bounds.outputs.value:.4f}; nu-gap at most {gap.worst.value:.4f}, of which the loop "
-                f"tolerates {gap.margin:.4f}."
+                f"{reciprocal(assessment.bounds.outputs.value):.4f}; nu-gap at most {gap.worst.value:.4f}, of which "
+                f"the loop tolerates {gap.margin:.4f}."
             )
         )
     return Section("Margins", blocks)
@@ -223,11 +236,14 @@ def _margins(assessment: Assessment) -> Section:
 
 def _structured(assessment: Assessment) -> Section:
     mu = assessment.mu
-    text = (
-        f"The loop tolerates {1.0 / mu.upper:.3f} times the assumed perturbations together. One of "
-        f"{1.0 / mu.lower if mu.lower else math.inf:.3f} times their size puts a pole within "
-        f"{assessment.on_circle:.1g} of the unit circle, at {mu.lower_frequency:.4g} Hz."
+    worst = (
+        f"One of {1.0 / mu.lower:.3f} times their size puts a pole within {assessment.on_circle:.1g} of the unit "
+        f"circle, at {mu.lower_frequency:.4g} Hz."
+        if mu.lower
+        else "No perturbation was found that makes the loop unstable."
     )
+    size = f"{1.0 / mu.upper:.3f} times" if mu.upper else "any size of"
+    text = f"The loop tolerates {size} the assumed perturbations together. {worst}"
     return Section("Structured singular value", [Prose(text), FigureBlock(mu_chart(assessment).page())])
 
 

@@ -16,7 +16,7 @@ from amb_core.ground.progress import Progress
 from amb_core.identification import Identification, identify
 from amb_core.identification.validation import Validation, Verdict
 from amb_core.report.figures.bode import bode_chart
-from amb_core.report.figures.comparison import comparison_chart
+from amb_core.report.figures.comparison import comparison_chart, longest_of, title_of_longest
 from amb_core.report.figures.entries import Entry, entries_from
 from amb_core.report.figures.order import order_chart
 from amb_core.report.pages.document import Badge, Block, Cell, FigureBlock, Prose, Section, TableBlock
@@ -138,11 +138,11 @@ def _model(result: Identification, validation: Validation | None) -> Section:
         blocks.append(FigureBlock(order_chart(result.order_selection).page(), "Choice of the order"))
     loop = None if validation is None else validation.closed_loop
     if loop is not None:
-        longest = int(np.argmax([record.steps for record in loop.measured]))
+        longest = longest_of(loop.measured)
         simulated = loop.simulated[longest]
         if simulated is not None:
             page = comparison_chart(loop.measured[longest], {"model": simulated}).page()
-            blocks.append(FigureBlock(page, "Response of plant and model"))
+            blocks.append(FigureBlock(page, title_of_longest("Response of plant and model", loop.measured)))
             blocks += _worst(loop.measured[longest], simulated)
     return Section(HEADING, blocks)
 

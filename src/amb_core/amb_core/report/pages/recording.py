@@ -22,6 +22,7 @@ from amb_core.report.figures.distortion import distortion_chart
 from amb_core.report.figures.loop import orbit_chart
 from amb_core.report.figures.style import region_label, sentence
 from amb_core.report.figures.sweep import onset_text, rises, sweep_chart
+from amb_core.report.linear_claim import NONE_FOUND, LinearClaim
 from amb_core.report.pages.document import (
     Badge,
     Block,
@@ -127,18 +128,27 @@ def _excitations(recording: Recording, run: int) -> list[AppliedExcitation]:
     return [item for item in recording.excitations(run) if item.accepted and item.steps]
 
 
+def _claim(regions: RecordedRegions) -> LinearClaim:
+    return LinearClaim.of(regions.classification, regions.frozen)
+
+
+def _sensor_problem(regions: RecordedRegions) -> str:
+    """What positions that stand still mean, with their steps where those are known; empty without any."""
+    return regions.frozen_problem or _claim(regions).still_problem
+
+
 def _strip(regions: RecordedRegions, evidence: Evidence, identified: IdentifiedModel | None) -> VerdictStrip:
     """The verdict on the model, its main numbers, and region and distortion of the recording."""
     onsets = regions.classification.onsets
-    worst, judged = max(onsets, default=Region.A), regions.classification.judged
+    worst, claim = max(onsets, default=Region.A), _claim(regions)
     classified = stretches(regions.classification.states)
     states: dict[Region, State] = {Region.A: "good", Region.B: "limited", Region.C: "limited", Region.D: "bad"}
     region = (
         Badge(region_label(worst), states[worst], REGIONS) if classified else Badge("not classified", section=REGIONS)
     )
-    if classified and not onsets and not judged.complete():
-        region = Badge(f"{judged.absent()} found", section=REGIONS)
-    if regions.frozen:
+    if classified and not onsets and not claim.holds():
+        region = Badge(f"{claim.judged.absent()} found", section=REGIONS)
+    if claim.still:
         region = Badge("sensor dead or stuck", "bad", REGIONS)
     seen = [
         ("worst region", region),
@@ -155,26 +165,28 @@ def _lead(regions: RecordedRegions, evidence: Evidence) -> str:
     text = (
         f"{seconds:.{1 if seconds >= 1.0 else 4}f} s of an active magnetic bearing at {1.0 / record.sample_time:g} Hz. "
     )
-    if regions.frozen:
-        text += f"{sentence(regions.frozen_problem)}. "
-    judged = classification.judged
-    said = (*judged.reservations, *filter(None, [regions.centre_problem]))
+    if problem := _sensor_problem(regions):
+        text += f"{sentence(problem)}. "
+    claim = _claim(regions)
+    said = (*claim.judged.reservations, *filter(None, [regions.centre_problem]))
     reservations = "".join(f" {sentence(what)}{'' if what.endswith('?') else '.'}" for what in said)
-    if not classification.onsets and not regions.frozen:
-        found = "Region A all the time" if judged.complete() else f"{sentence(judged.absent())} found"
+    if not classification.onsets and not claim.still:
+        found = "Region A all the time" if claim.holds() else f"{sentence(claim.absent())} found"
         found = found if stretches(classification.states) else "Too short for regions B and C"
         return text + f"{found}; {evidence.brief}.{reservations}"
     if not classification.onsets:
         return text + f"{sentence(evidence.brief)}.{reservations}"
     begins = [f"{region_label(region)}, from {onset_text(onset)}" for region, onset in classification.onsets.items()]
-    return text + "It left region A for " + "; ".join(begins) + f". Over the whole, {evidence.brief}.{reservations}"
+    left = "It left region A for " if claim.holds() else "Found: "
+    return text + left + "; ".join(begins) + f". Over the whole, {evidence.brief}.{reservations}"
 
 
 def _sweep(regions: RecordedRegions):  # type: ignore[no-untyped-def]  # plotly has no types
     over: Literal["time", "frequency"] = "frequency" if rises(regions.frequency) else "time"
     return sweep_chart(
-        regions.record, regions.classification, regions.frequency, over=over, title="Regions of the run"
-    ).page()
+        regions.record, regions.classification, regions.frequency, over=over, title="Regions of the run",
+        frozen=regions.frozen,
+    ).page()  # fmt: skip
 
 
 def _experiment(recording: Recording, regions: RecordedRegions) -> TableBlock:
@@ -183,9 +195,11 @@ def _experiment(recording: Recording, regions: RecordedRegions) -> TableBlock:
         f"{item.kind}, steps {item.first_step} to {item.stop - 1}" for item in _excitations(recording, regions.run)
     ]
     controller = recording.controller_parameters(regions.run)
+    missing = sum(stop - start for start, stop in regions.missing)
     rows = [
         ("run", str(regions.run)),
-        ("samples", f"{record.steps}, from step {record.first_step} on"),
+        ("steps", f"{record.steps}, from step {record.first_step} on"),
+        ("samples", str(record.steps - missing)),
         ("sample time", f"{1e6 * record.sample_time:g} µs"),
         ("excitations", "; ".join(excitations) or ("the reference moves" if _reference_moves(regions) else "none")),
         ("missing", describe_gaps(regions.gaps) if regions.gaps else "nothing"),
@@ -209,17 +223,17 @@ def _regions(regions: RecordedRegions) -> Section:
         for part, onsets in (("rotor", classification.onsets), *classification.axis_onsets.items())
         for region, onset in onsets.items()
     ]
-    judged = classification.judged
+    claim = _claim(regions)
     labels = {region: region_label(region) for region in Region}
-    if not judged.complete():
-        labels[Region.A] = "none found"
+    if not claim.holds():
+        labels[Region.A] = NONE_FOUND
     time = ", ".join(f"{labels[region]}: {100.0 * part:.1f} %" for region, part in share.items() if part > 0.0)
     blocks: list[Block] = [
         Prose(f"Share of the time in each region: {time}." if time else "Too short for regions B and C.")
     ]
-    blocks += [Prose(f"{sentence(what)}.") for what in judged.reservations]
-    if regions.frozen:
-        blocks.insert(0, Prose(f"{sentence(regions.frozen_problem)}."))
+    blocks += [Prose(f"{sentence(what)}.") for what in claim.judged.reservations]
+    if problem := _sensor_problem(regions):
+        blocks.insert(0, Prose(f"{sentence(problem)}."))
     if rows:
         blocks.append(TableBlock(("part", "region", "begins at", "input frequency"), rows, "Where regions begin"))
     return Section(REGIONS, blocks)

@@ -11,7 +11,7 @@ from amb_core.identification.validation import Validation
 from amb_core.loop.known_controller import KnownController
 from amb_core.plant import PlantParameters
 from amb_core.report.figures.robustness import sensitivity_chart
-from amb_core.report.pages.certificate import WORDS, decibel
+from amb_core.report.pages.certificate import STATES, WORDS, decibel
 from amb_core.report.pages.document import Badge, Block, FigureBlock, Prose, Section, TableBlock
 from amb_core.robustness import Assessment, Certificate, Recorded, certify_from_data
 
@@ -42,17 +42,15 @@ def robustness_badge(certificate: Certificate | str) -> Badge:
     """The verdict in a few words, linked to the section."""
     if isinstance(certificate, str):
         return Badge("not computed", section=HEADING)
-    assessment = certificate.assessment
+    assessment, state = certificate.assessment, STATES[certificate.statement]
     if assessment is None:
-        return Badge("not certified: unstable loop", "bad", HEADING)
+        return Badge("not certified: unstable loop", state, HEADING)
     if not certificate.certified:
-        return Badge(WORDS.get(certificate.statement, "not certified"), "limited", HEADING)
+        return Badge(WORDS.get(certificate.statement, "not certified"), state, HEADING)
     assert assessment.bounds is not None
     zone = max(item.zone for item in assessment.bounds.axes)  # A is the best
     percent = f"{100.0 * assessment.settings.confidence:g} %"
-    if certificate.reserved:
-        return Badge(f"certified with reservations, zone {zone} with {percent}", "limited", HEADING)
-    return Badge(f"certified, zone {zone} with {percent}", "good", HEADING)
+    return Badge(f"{certificate.statement}, zone {zone} with {percent}", state, HEADING)
 
 
 def robustness_section(certificate: Certificate | str) -> Section:

@@ -54,6 +54,8 @@ class Item:
         Why it is stale or why that is not known; what else is worth knowing.
     content : mapping
         Of a JSON file.
+    inputs : tuple of str
+        Of a model: names of the files and bags that it was made from, as its summary records them.
     """
 
     kind: Kind
@@ -61,6 +63,7 @@ class Item:
     state: State = State.CURRENT
     reason: str = ""
     content: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    inputs: tuple[str, ...] = ()
 
 
 def find_items(folder: Path) -> list[Item]:

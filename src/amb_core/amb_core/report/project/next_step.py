@@ -50,13 +50,33 @@ def next_step(items: Sequence[Item]) -> NextStep:
     if not models:
         first = next((item for item in experiments if item.path.name.startswith("estimation")), experiments[0])
         return NextStep(f"amb identify {_word(first.path)} --out results/model", _why(items, Kind.MODEL))
-    if not _current(items, Kind.CERTIFICATE):
-        used = [item for item in experiments if str(item.path) in models[0].reason]
+    certificates = sorted(_current(items, Kind.CERTIFICATE), key=_rank)
+    if not certificates:
+        used = [item for item in experiments if str(item.path) in models[0].inputs]
         other = [item for item in experiments if item not in used]
         bags = "".join(f" --bag {_word(item.path)}" for item in used[:1])
         bags += "".join(f" --validation-bag {_word(item.path)}" for item in other[:1])
         return NextStep(f"amb certify {_word(models[0].path)}{bags}", _why(items, Kind.CERTIFICATE))
-    return NextStep("", "everything is there and current")
+    needed = [bearings[0], maps[0], designs[0], *experiments[:2], models[0], certificates[0]]
+    return NextStep("", _outcome(needed, certificates[0]))
+
+
+def _rank(certificate: Item) -> tuple[bool, bool]:
+    """For sorting: current ones first, of these the ones that certify."""
+    return certificate.state is not State.CURRENT, not _certifies(certificate)
+
+
+def _certifies(certificate: Item) -> bool:
+    return certificate.content.get("certified") is True
+
+
+def _outcome(needed: Sequence[Item], certificate: Item) -> str:
+    """What the work has come to where no step is missing."""
+    unknown = [str(item.path) for item in needed if item.state is State.UNKNOWN]
+    known = f"; not known to be current: {', '.join(unknown)}" if unknown else " and current"
+    statement = certificate.content.get("statement", "not certified")
+    states = "" if _certifies(certificate) else f"; the certificate states: {statement}"
+    return f"everything is there{known}{states}"
 
 
 def _current(items: Sequence[Item], kind: Kind) -> list[Item]:

@@ -107,6 +107,7 @@ class _Judge:
         self._stated: set[str] = set()
         self._known: dict[str, Item] = {}  # by name of the file or bag
         self._hashes: dict[Path, str] = {}
+        self._inputs: dict[Path, tuple[str, ...]] = {}  # of each model
 
     def judged(self, item: Item) -> Item:
         """The item with its state."""
@@ -114,7 +115,7 @@ class _Judge:
             state, reason = getattr(self, f"_{item.kind}")(item)
         except AmbError as problem:
             state, reason = State.UNKNOWN, str(problem)
-        judged = replace(item, state=state, reason=reason)
+        judged = replace(item, state=state, reason=reason, inputs=self._inputs.get(item.path, ()))
         self._known[str(item.path)] = judged
         return judged
 
@@ -154,7 +155,9 @@ class _Judge:
             summary = json.loads(read_text((self._folder / item.path).with_name("summary.json")))
         except (OSError, ValueError):
             return State.UNKNOWN, "no summary.json beside it records its inputs"
-        return self._of_inputs(summary.get("inputs"))
+        inputs = summary.get("inputs")
+        self._inputs[item.path] = tuple(inputs or ())
+        return self._of_inputs(inputs)
 
     def _certificate(self, item: Item) -> tuple[State, str]:
         """By the names of its inputs, which are `ROLE NAME` without folder."""
