@@ -47,12 +47,12 @@ def chart(
         stability = stability_chart(plant, controller, points, stages.update)
     known = np.isfinite(stability.chosen_peak)
     if stability.alike:
-        controller = f"K_P = {stability.chosen[0]:.4g} A/m, K_D = {stability.chosen[1]:.4g} A s/m"
+        loop = f"K_P = {stability.chosen[0]:.4g} A/m, K_D = {stability.chosen[1]:.4g} A s/m"
     else:
         console.print(f"the axes have gains of their own; the chart has those of {stability.axis} on all")
-        controller = "with the gains of all axes"
+        loop = "with the gains of all axes"
     console.print(
-        f"{controller}: "
+        f"{loop}: "
         + (f"peak sensitivity {stability.chosen_peak:.3g}" if known else "unstable; amb tune gains suggests others"),
         highlight=False,
     )
