@@ -242,6 +242,7 @@ STATED = {
     ("docs/reference/identification-data.md", "check"): "limits of the checks",
     ("docs/reference/rigs.md", "check"): "limits of the checks",
     ("docs/reference/rigs.md", "event"): "times that the protocol sets",
+    ("docs/reference/target-protocol.md", "parameter"): "times that the protocol sets",
 }
 """Tables with such numbers that no program measures, by page and first column, with the reason."""
 
