@@ -224,7 +224,8 @@ class SequenceAccount:
 class AnswerAccount:
     """Excitations and the controller's answers to them: in a recording none is without the other.
 
-    The ids of excitations have gaps: each publisher has a sequence of its own.
+    The ids of excitations have gaps: each publisher has a sequence of its own. Without a publisher of excitations the
+    controller answers to its own.
     """
 
     KEPT = 1000  # of each kind: excitations, answers, and those without the other; either may arrive first
@@ -261,14 +262,14 @@ class AnswerAccount:
             self._keep(self._missing, run, number)
         self._keep(self._answers, run, number)
 
-    def reached(self) -> bool:
-        """Whether each excitation has its answer, and each answer its excitation."""
-        return not self._unanswered and not self._missing
+    def reached(self, published: bool = True) -> bool:
+        """Whether each excitation has its answer, and each answer its excitation, if these are published."""
+        return not self._unanswered and not (published and self._missing)
 
-    def lacks(self) -> list[str]:
-        """What is missing."""
+    def lacks(self, published: bool = True) -> list[str]:
+        """What is missing; excitations only if they are published."""
         texts = []
-        if self._missing:
+        if published and self._missing:
             texts.append(f"excitation lacks excitations {_ends(self._missing)} ({len(self._missing)} messages)")
         if self._unanswered:
             texts.append(

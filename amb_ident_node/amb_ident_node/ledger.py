@@ -199,7 +199,7 @@ class Ledger:
             for account in self._counted.values():
                 texts += account.lacks()
             if awaited is not None:
-                texts += self._answers.lacks()
+                texts += self._answers.lacks(topics.EXCITATION in published)
                 if topics.REGION in published and not self._regions_reached(awaited):
                     texts.append(self._missing_region(awaited))
                 if self._state_awaited(published) and not self._simulator_reached(awaited):
@@ -280,7 +280,7 @@ class Ledger:
             and (topics.PLANT_STATE not in published or self._plant_states.reached(awaited))
             and (topics.CLOCK not in published or self._clocks.reached(last_clock))
             and (topics.REGION not in published or self._regions_reached(awaited))
-            and self._answers.reached()
+            and self._answers.reached(topics.EXCITATION in published)
         )
 
     def _simulator_reached(self, place: Mark) -> bool:

@@ -255,6 +255,8 @@ def test_an_answer_needs_its_excitation() -> None:
     account.note_answer(5, 2)
     assert not account.reached()
     assert account.lacks() == ["excitation lacks excitations 2 (1 messages)"]
+    assert account.reached(published=False)  # of a controller that plays signals of its own
+    assert account.lacks(published=False) == []
     account.note_excitation(5, 2)  # overtaken by its answer
     assert account.reached()
     account.note_answer(6, 3)
