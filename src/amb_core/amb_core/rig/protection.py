@@ -174,20 +174,9 @@ class ExcitationProtection:
             Where the rotor is without it (m).
         """
         self.require_length(len(samples))
-        self._require_below(np.abs(samples), self._limits.excitation_amplitude, "amplitude", 1e6, "um")
-        slew = np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)) * self._rate  # from and to zero, too
-        self._require_below(slew, self._limits.excitation_slew, "slew", 1e3, "mm/s")
+        require_amplitude_and_slew(samples, self._limits, self._machine)
         self._require_band(samples)
         self._require_clearance(samples + position)
-
-    def _require_below(self, values: NDArray[np.float64], limit: float, what: str, scale: float, unit: str) -> None:
-        peaks = values.max(axis=0)
-        worst = int(np.argmax(peaks))
-        if peaks[worst] > limit:
-            raise ExcitationError(
-                f"{what} of {peaks[worst] * scale:.4g} {unit} on {self._axes[worst]}; allowed on this rig: "
-                f"{limit * scale:.4g} {unit}"
-            )
 
     def _require_clearance(self, positions: NDArray[np.float64]) -> None:
         """A rotor that follows exactly must stay below the alarm; if it overshoots, there is room up to the trip."""
@@ -216,3 +205,29 @@ class ExcitationProtection:
                     f"{100 * outside / total:.3g} % of its power on {axis} lies outside of {low:g} to {high:g} Hz; "
                     f"allowed on this rig: {100 * OUT_OF_BAND:g} %"
                 )
+
+
+def require_amplitude_and_slew(samples: NDArray[np.float64], limits: Limits, machine: Machine) -> None:
+    """Raise ExcitationError unless an excitation is within the limits that the target checks, too.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (steps, axes)
+        The excitation (m).
+    limits : Limits
+        Amplitude and slew.
+    machine : Machine
+        Its axes and its sample rate.
+    """
+    slew = np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)) * machine.sample_rate  # from and to zero, too
+    for values, limit, what, scale, unit in (
+        (np.abs(samples), limits.excitation_amplitude, "amplitude", 1e6, "um"),
+        (slew, limits.excitation_slew, "slew", 1e3, "mm/s"),
+    ):
+        peaks = values.max(axis=0)
+        worst = int(np.argmax(peaks))
+        if peaks[worst] > limit:
+            raise ExcitationError(
+                f"{what} of {peaks[worst] * scale:.4g} {unit} on {machine.axis_names[worst]}; allowed on this rig: "
+                f"{limit * scale:.4g} {unit}"
+            )

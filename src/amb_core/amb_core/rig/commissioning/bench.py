@@ -8,8 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from amb_core.ground.errors import TargetError
-from amb_core.ground.units import UM
+from amb_core.ground.errors import ExcitationError, TargetError
 from amb_core.loop.known_controller import KnownController, LinearControl
 from amb_core.loop.linear_parameters import LinearControllerParameters
 from amb_core.loop.records import LoopRecord
@@ -25,6 +24,7 @@ from amb_core.rig.link.link import (
     TargetLink,
     TargetSettings,
 )
+from amb_core.rig.protection import require_amplitude_and_slew
 
 SMALL = 0.02
 """Peak of control currents before the first lift-off, over the bias current. On the backup bearing of the paper's
@@ -316,13 +316,10 @@ class Bench:
         str
             Its amplitude or slew, and what is allowed; empty if both are.
         """
-        limits = self._settings.limits
-        peak = float(np.abs(samples).max())
-        slew = float(np.abs(np.diff(samples, axis=0, prepend=0.0, append=0.0)).max()) * self.rate  # from and to zero
-        if peak > limits.excitation_amplitude:
-            return f"{UM * peak:.3g} um; allowed on this rig: {UM * limits.excitation_amplitude:.3g} um"
-        if slew > limits.excitation_slew:
-            return f"{1e3 * slew:.3g} mm/s; allowed on this rig: {1e3 * limits.excitation_slew:.3g} mm/s"
+        try:
+            require_amplitude_and_slew(samples, self._settings.limits, self.machine)
+        except ExcitationError as problem:
+            return str(problem)
         return ""
 
     @property

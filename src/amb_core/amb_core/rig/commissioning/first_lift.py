@@ -116,7 +116,7 @@ def _of_dynamics(
         fade = min(500, len(wave))
         samples[:, axis] = wave * np.minimum(1.0, np.minimum(np.arange(len(wave)), np.arange(len(wave))[::-1]) / fade)
         if beyond := bench.beyond_limits(samples):
-            unchecked.append(f"gains, delays and angles of the levitated rotor: tones of {beyond}")
+            unchecked.append(f"gains, delays and angles of the levitated rotor: {beyond}")
             return _load(bench, expected, still)
         record = bench.excite(samples)
         steps = round(WINDOW * bench.rate)
@@ -149,7 +149,7 @@ def _saturation(
         peak = SHARE * bench.machine.axes[axis].bias_current / of_reference
         samples[:, axis] = peak * ramp * loud.waveform(steps, bench.rate)
         if beyond := bench.beyond_limits(samples):
-            unchecked.append(f"whether the amplifier of {name} saturates: a tone of {beyond}")
+            unchecked.append(f"whether the amplifier of {name} saturates: {beyond}")
             continue
         record = bench.excite(samples)
         window = round(WINDOW * bench.rate)
