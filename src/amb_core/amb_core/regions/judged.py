@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Self
@@ -50,9 +50,14 @@ class TestedUpdates:
         )
 
     @property
+    def left_out(self) -> int:
+        """Without a test."""
+        return self.resonant + self.moving
+
+    @property
     def evaluated(self) -> int:
         """All of them."""
-        return self.tested + self.resonant + self.moving
+        return self.tested + self.left_out
 
     def add(self, points: int, shortest: int) -> None:
         """Count an update whose bias is the latest of `points` in a row; the shortest test needs `shortest`."""
@@ -104,9 +109,14 @@ class SearchedUpdates:
         )
 
     @property
+    def left_out(self) -> int:
+        """With a line that may have another cause."""
+        return self.beating + self.responding
+
+    @property
     def evaluated(self) -> int:
         """All of them."""
-        return self.searched + self.beating + self.responding
+        return self.searched + self.left_out
 
     def add(self, cause: OtherCause | None) -> None:
         """Count an update by the other cause that its slow line may have, if any."""
@@ -170,10 +180,7 @@ class Judged:
         float
             The share; 0 if no update was evaluated at all.
         """
-        if axis is None:
-            return max((self.without_drift_test(name) for name in self.drift), default=0.0)
-        counted = self.drift[axis]
-        return 1.0 - counted.tested / counted.evaluated if counted.evaluated else 0.0
+        return _left_out(self.drift, axis)
 
     def without_search(self, axis: str | None = None) -> float:
         """Share of the updates in which C was not judged, from 0 to 1.
@@ -188,10 +195,7 @@ class Judged:
         float
             The share; 0 if no update was evaluated at all.
         """
-        if axis is None:
-            return max((self.without_search(name) for name in self.oscillation), default=0.0)
-        counted = self.oscillation[axis]
-        return 1.0 - counted.searched / counted.evaluated if counted.evaluated else 0.0
+        return _left_out(self.oscillation, axis)
 
     def looked_for(self, axis: str | None = None) -> tuple[Region, ...]:
         """The regions beside A that would have been found.
@@ -253,21 +257,14 @@ class Judged:
     @property
     def reservations(self) -> tuple[str, ...]:
         """What was not judged and why, in words; empty if everything was."""
-        said = []
-        left_out = [axis for axis in self.drift if self.without_drift_test(axis) > 1.0 - NEARLY_ALL]
-        if left_out:
-            share, where = self.without_drift_test(), ", ".join(left_out)
-            said.append(f"B not judged in {100.0 * share:.0f} % of the record ({where}): {self._no_test(left_out)}")
+        said = _not_judged(Region.B, self.drift, self._no_test)
         slow = [axis for axis in self.drift if self._unnoticed(axis)]
         if slow:
             moved = 1e6 * self._unnoticed(None)
             said.append(
                 f"slow drifts not judged ({', '.join(slow)}): the bias moved by {moved:.3g} um, too slowly for B"
             )
-        left_out = [axis for axis in self.oscillation if self.without_search(axis) > 1.0 - NEARLY_ALL]
-        if left_out:
-            share, where = self.without_search(), ", ".join(left_out)
-            said.append(f"C not judged in {100.0 * share:.0f} % of the record ({where}): {self._no_search(left_out)}")
+        said += _not_judged(Region.C, self.oscillation, self._no_search)
         unknown = [axis for axis, known in self.contact.items() if not known]
         if unknown:
             where = "" if len(unknown) == len(self.contact) else f" ({', '.join(unknown)})"
@@ -311,6 +308,29 @@ class Judged:
             "D": [axis for axis, known in self.contact.items() if not known],
             "reasons": list(self.reservations),
         }
+
+
+def _left_out(counts: Mapping[str, TestedUpdates] | Mapping[str, SearchedUpdates], axis: str | None) -> float:
+    """Share of the updates of an axis in which a region was not judged; by default the largest share of all."""
+    shares = (
+        counted.left_out / counted.evaluated if counted.evaluated else 0.0
+        for name, counted in counts.items()
+        if axis in (None, name)
+    )
+    return max(shares, default=0.0)
+
+
+def _not_judged(
+    region: Region,
+    counts: Mapping[str, TestedUpdates] | Mapping[str, SearchedUpdates],
+    reason: Callable[[Sequence[str]], str],
+) -> list[str]:
+    """The reservation about a region that was not judged in nearly all updates, if there is one."""
+    axes = [axis for axis in counts if _left_out(counts, axis) > 1.0 - NEARLY_ALL]
+    if not axes:
+        return []
+    share = 100.0 * _left_out(counts, None)
+    return [f"{region.name} not judged in {share:.0f} % of the record ({', '.join(axes)}): {reason(axes)}"]
 
 
 def _main_reasons(updates: Mapping[str, int]) -> str:
