@@ -118,6 +118,8 @@ mend_cmake_files() {
 build() {
     say "building the ROS packages"
     rm -f "$build_stamp"
+    local built    # the state before: what changes meanwhile is built the next time
+    built=$(build_state | checksum)
     # PYTHONWARNINGS: `colcon build --symlink-install` relies on what setuptools warns about.
     # MAKEFLAGS: without a number of jobs, colcon lets ninja wait until the load of the machine falls, maybe for ever.
     if ! PATH=$venv/bin:$PATH AMENT_PREFIX_PATH=$venv CMAKE_PREFIX_PATH=$venv PYTHONWARNINGS=ignore \
@@ -128,7 +130,7 @@ build() {
         cat log/latest_build/*/stderr.log >&2
         fail "the build failed; full logs are in log/latest_build"
     fi
-    build_state | checksum > "$build_stamp"
+    echo "$built" > "$build_stamp"
 }
 
 # numba notices a change of the file that a compiled function stands in, not of what that function calls.
@@ -136,6 +138,7 @@ build() {
 start_kernels() {
     say "compiling the numerical kernels (some minutes)"
     rm -f "$kernel_stamp"
+    compiled=$(kernel_state | checksum)    # before, as in build
     find src/amb_core/amb_core -name '*.nb[ic]' -delete
     local part
     for part in plant estimates; do
@@ -149,7 +152,7 @@ finish_kernels() {
     local process
     for process in "${compiling[@]}"; do wait "$process" || fail "the kernels could not be compiled"; done
     trap - EXIT
-    kernel_state | checksum > "$kernel_stamp"
+    echo "$compiled" > "$kernel_stamp"
 }
 
 # For the target emulator. It builds the library by itself when that is missing, so set-up continues without gcc.

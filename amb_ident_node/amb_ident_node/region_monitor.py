@@ -25,11 +25,11 @@ from amb_core.recording.messages.region_map import fill_region_map, map_settings
 from amb_core.recording.messages.region_state import fill_region_state
 from amb_core.regions import Region, RegionParameters, RegionState
 from amb_core.regions.rehearsal import rehearse
+from amb_ident_node import region_report
 from amb_ident_node.machine_wait import MachineWait, Telemetry
 from amb_ident_node.monitoring import RegionWatch
 from amb_ident_node.recorded_topics import REGION_MESSAGES
 from amb_ident_node.region_monitor_parameters import RegionMonitorParameters
-from amb_ident_node.region_report import MEANINGS, shown
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, LoopSamples, RegionMap, SimulatorState
 from amb_msgs.msg import RegionState as RegionStateMessage
@@ -268,9 +268,8 @@ class RegionMonitorNode(Node):
         if watch.state is not None:
             region = watch.state.region
             level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(region, diagnostics.WARN)
-            early = region is Region.A and not watch.state.settled
-            summary = f"region {MEANINGS[region]}" + (", too early for B and C" if early else "")
-            values |= shown(watch.state)
+            summary = region_report.summary(watch.state)
+            values |= region_report.shown(watch.state)
             values["not judged"] = watch.not_judged or "nothing"
             frozen = [axis.name for axis in watch.state.axes if axis.frozen]
             if frozen:

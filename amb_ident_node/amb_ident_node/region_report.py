@@ -30,9 +30,21 @@ def shown(state: RegionState) -> dict[str, object]:
     return values
 
 
+def summary(state: RegionState) -> str:
+    """The region of a state; A is said only where the others were looked for."""
+    said = f"region {MEANINGS[state.region]}"
+    if state.region is not Region.A:
+        return said
+    if not state.settled:
+        return f"{said}, too early for B and C"
+    return f"no region found, {' and '.join(state.not_judged)} not judged" if state.not_judged else said
+
+
 def _evidence(name: str, axis: AxisState) -> dict[str, object]:
     """What an axis shows besides its region."""
     values: dict[str, object] = {}
+    if axis.not_judged:
+        values[f"not judged now {name}"] = axis.not_judged
     if axis.drift is not None:
         values[f"drift {name} since"] = f"{axis.drift.time:.3f} s"
     if axis.oscillation is not None:

@@ -113,7 +113,7 @@ class LiveSweep:
         stopped = graph.call(StopRecording, "/amb/recorder/stop", wait_for_run=self.run, wait_for_step=self.end)
         assert stopped.success, stopped.message
         self.record = bearing.record(self.run, self.end)
-        self.expected = reported(classify(self.record, delevitated=True))
+        self.expected = reported(classify(self.record, machine=machine_of(PlantParameters()), delevitated=True))
 
 
 def live_sweep(graph: Graph) -> LiveSweep:
@@ -206,6 +206,7 @@ def test_a_listener_found_late_gets_what_was_played_before(sweep: LiveSweep, gra
 
 
 RADIUS = 250e-6  # m
+KNOWN = RegionParameters(backup_bearing_radius=RADIUS)
 
 
 @pytest.fixture(scope="module")
@@ -258,7 +259,7 @@ def monitored(share: Any) -> Monitored:
 
 def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: LoopRecord) -> None:
     runs = {monitored.play(drifting, block=block): block for block in (100, 37, 5_000)}
-    expected = reported(classify(drifting))
+    expected = reported(classify(drifting, KNOWN))
     assert expected[-1].region == Region.B
     for run, block in runs.items():
         messages = monitored.listener.wait_for(run, drifting.steps - 1)
@@ -268,10 +269,19 @@ def test_states_do_not_depend_on_the_blocks(monitored: Monitored, drifting: Loop
 
 def test_health_says_whether_the_region_is_judged_yet(monitored: Monitored, drifting: LoopRecord) -> None:
     for steps, said in ((1_000, "region A, steady bias, too early for B and C"), (9_000, "region A, steady bias")):
-        last = classify(drifting.window(0, steps)).states[-1]
+        last = classify(drifting.window(0, steps), KNOWN).states[-1]
         assert (last.region, last.settled) == (Region.A, steps == 9_000)
         monitored.play(drifting.window(0, steps))
         monitored.wait_for_health(said)
+
+
+def test_health_does_not_say_a_alone_where_the_loop_resonates(monitored: Monitored) -> None:
+    reference = 10e-6 * np.sin(2.0 * np.pi * 40.0 * np.arange(15_000) / 10_000.0)[:, np.newaxis] * np.array([0.0, 1.0])
+    record = LoopRecord(0, 1e-4, reference, 0.95 * reference, np.zeros_like(reference))
+    run = monitored.play(record)
+    last = monitored.listener.wait_for(run, record.steps - 1)[-1]
+    assert (last.region, [axis.not_judged for axis in last.axes]) == (Region.A, ["", "B"])
+    monitored.wait_for_health("no region found, B not judged")
 
 
 def test_health_says_at_once_that_the_rotor_delevitated(monitored: Monitored, drifting: LoopRecord) -> None:
@@ -280,7 +290,7 @@ def test_health_says_at_once_that_the_rotor_delevitated(monitored: Monitored, dr
     position = start.position.copy()
     position[800:, 1] = -400e-6
     fallen = LoopRecord(0, 1e-4, start.reference, position, start.current)
-    last = classify(fallen, RegionParameters(backup_bearing_radius=RADIUS)).states[-1]
+    last = classify(fallen, KNOWN).states[-1]
     assert (last.region, last.settled) == (Region.D, False)
     monitored.play(fallen)
     monitored.wait_for_health("region D, delevitated")
@@ -290,7 +300,7 @@ def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, dri
     parts = drifting.window(0, 5_000), drifting.window(6_000, 9_000)
     run = monitored.play(*parts)
     messages = monitored.listener.wait_for(run, drifting.steps - 1)
-    expected = [state for part in parts for state in reported(classify(part))]
+    expected = [state for part in parts for state in reported(classify(part, KNOWN))]
     assert len(messages) == len(expected)
     assert all(map(same, messages, expected))
     assert messages[-1].region == Region.B
@@ -311,7 +321,9 @@ def test_samples_that_are_not_finite_are_reported_and_left_out(monitored: Monito
     monitored.bearing.graph.wait_until(refused, "the refused block on /diagnostics")
     run = monitored.play(drifting)
     assert monitored.listener.wait_for(run, drifting.steps - 1)[-1].region == Region.B
-    assert all(map(same, monitored.listener.of(run), reported(classify(drifting)))), "the next run is not touched"
+    assert all(map(same, monitored.listener.of(run), reported(classify(drifting, KNOWN)))), (
+        "the next run is not touched"
+    )
 
 
 # -- the machine

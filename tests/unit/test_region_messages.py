@@ -35,6 +35,7 @@ def axis(name: str, region: Region, seed: float) -> AxisState:
         steady_frequency=15.9,
         steady_amplitude=2e-6,
         even_distortion=0.03,
+        not_judged="BD",
         name=name,
     )
 
@@ -71,7 +72,7 @@ def test_a_state_comes_back_as_it_was() -> None:
 
 def test_a_state_of_version_0_1_has_the_axes_x_and_y_without_evidence_beside_their_region() -> None:
     new = {"name", "drifting", "drift", "oscillating", "oscillation", "even_distortion", "odd_distortion"}
-    new |= {"steady_frequency", "steady_amplitude", "frozen"}
+    new |= {"steady_frequency", "steady_amplitude", "frozen", "not_judged"}
     message = message_of(STATE)
     x, y = (SimpleNamespace(**_attributes(part, without=new)) for part in message.axes[:2])
     old = SimpleNamespace(**_attributes(message, without={"axes", "bearings"}), x=x, y=y)

@@ -98,7 +98,7 @@ def test_an_earlier_step_is_another_start(eventful: LoopRecord) -> None:
     classifier.feed(eventful.window(15_000, 9_000))
     again = classifier.feed(eventful.window(0, 20_000))
     assert classifier.gaps == []
-    assert repr(again) == repr(classify(eventful.window(0, 20_000)).states)
+    assert repr(again) == repr(classify(eventful.window(0, 20_000), PARAMETERS).states)
 
 
 def test_samples_that_are_not_finite_are_named(eventful: LoopRecord) -> None:

@@ -29,6 +29,19 @@ def test_a_sine_with_a_little_noise_hides_b_as_a_sine_does() -> None:
     assert judged[1].without_drift_test("y") == pytest.approx(judged[0].without_drift_test("y"), abs=0.05)
 
 
+def test_each_state_says_which_regions_were_not_looked_for_at_its_update() -> None:
+    time = seconds(4.0)
+    resonant = np.where(time < 2.0, 0.95, 0.3) * tone(40.0, 10e-6, time)
+    classification = classify(telemetry(resonant, tone(40.0, 10e-6, time)))
+    said = {round(state.step / RATE, 2): state.axis("y").not_judged for state in classification.states}
+    assert (said[0.3], said[1.5], said[3.5]) == ("BCD", "BD", "D"), (
+        "before settled, at resonance, after it; no clearance"
+    )
+    known = classify(telemetry(resonant, tone(40.0, 10e-6, time)), PARAMETERS).states
+    assert [state.not_judged for state in known if state.settled][-1] == ""
+    assert all(len(state.not_judged) >= 2 for state in known if not state.settled)
+
+
 def test_updates_too_few_for_a_test_are_no_resonance() -> None:
     time = seconds(4.0)
     reference = np.where(time > 0.5, tone(997.0, 10e-6, time), 0.0)

@@ -112,7 +112,7 @@ def test_states_do_not_depend_on_the_block_size(sizes: tuple[int, ...]) -> None:
 def test_a_bearing_has_the_states_that_it_has_alone(drifting: LoopRecord, excited: bool) -> None:
     sine = tone(1_000.0, 20e-6) * (TIME > 0.4)
     record = telemetry(r_y_a=sine, x_a=0.01 * sine, y_a=0.1 * sine, x_b=1e-3 * sine) if excited else drifting
-    alone = classify(first_bearing(record)).states
+    alone = classify(first_bearing(record), clearance={"x": 250e-6, "y": 250e-6}).states
     together = classify(record, machine=machine(4, a=250e-6, b=250e-6)).states
     assert [state.step for state in together] == [state.step for state in alone]
     for state, expected in zip(together, alone, strict=True):

@@ -22,7 +22,7 @@ FOLDER = Path(amb_bringup.view.__file__).parent / "page"
 ORIGIN = "http://page.test"
 AXIS: dict[str, Any] = {
     "name": "x", "region": "A", "bias": 0.0, "trend": 0.0, "oscillation": [0.0, 0.0], "input": [1e-6, 100.0],
-    "response": 0.0, "even": None, "steady": [0.0, 0.0],
+    "response": 0.0, "even": None, "steady": [0.0, 0.0], "frozen": False, "not_judged": "",
 }  # fmt: skip
 
 
@@ -44,9 +44,9 @@ def page() -> Iterator[Any]:
         chromium.close()
 
 
-def test_the_lamp_of_a_sensor_that_stands_still_shows_no_region(page: Any) -> None:
-    axes = [AXIS | {"frozen": True}, AXIS | {"name": "y", "frozen": False}]
-    shown = page.evaluate(
+def lamps(page: Any, axes: list[dict[str, Any]]) -> Any:
+    """Region of each lamp, and the text of its axis."""
+    return page.evaluate(
         """async (region) => {
             const list = document.querySelector("ul");
             (await import("./regions.js")).showRegions(list, region);
@@ -54,8 +54,18 @@ def test_the_lamp_of_a_sensor_that_stands_still_shows_no_region(page: Any) -> No
         }""",
         {"axes": axes, "settled": True},
     )
+
+
+def test_the_lamp_of_a_sensor_that_stands_still_shows_no_region(page: Any) -> None:
+    shown = lamps(page, [AXIS | {"frozen": True}, AXIS | {"name": "y"}])
     assert shown[0] == ["none", "–x sensor stands still"]
     assert shown[1][0] == "A" and shown[1][1].startswith("Ay steady bias")
+
+
+def test_a_lamp_says_region_a_only_where_the_other_regions_were_looked_for(page: Any) -> None:
+    shown = lamps(page, [AXIS | {"not_judged": "BD"}, AXIS | {"name": "y", "region": "C", "not_judged": "B"}])
+    assert shown[0][0] == "none" and shown[0][1].startswith("–x none found, B and D not judged")
+    assert shown[1][0] == "C" and shown[1][1].startswith("Cy slow oscillation")
 
 
 def boundary(page: Any, amplitude: list[float], frequencies: list[float | None]) -> Any:

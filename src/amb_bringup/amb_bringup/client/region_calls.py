@@ -55,7 +55,7 @@ class RegionCalls(GraphConnection):
         Parameters
         ----------
         region : Region
-            The region.
+            The region; A says nothing of the regions that `not_judged` of the state names.
         timeout : float, optional
             Longest wait (s); that of the connection by default.
 

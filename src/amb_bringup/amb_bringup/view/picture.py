@@ -246,6 +246,7 @@ def _axis(axis: AxisState) -> dict[str, Any]:
         "even": plain(axis.even_distortion),
         "odd": plain(axis.odd_distortion),
         "frozen": axis.frozen,
+        "not_judged": _text(axis.not_judged),
     }
 
 

@@ -148,6 +148,11 @@ class AxisClassifier:
             frequency, amplitude = frequency[outside], amplitude[outside]
         self.steady.adopt(frequency, amplitude * np.exp(2j * math.pi * frequency * before / self._rate))
 
+    @property
+    def tests_drift(self) -> bool:
+        """Whether a drift could have been found at the latest update: a test is complete, and none too slow for it."""
+        return self._trend.complete and self._moved < self._parameters.drift_threshold
+
     def update(self, step: int) -> None:
         """Evaluate the windows; their latest decimated sample is at `step`."""
         front_end, axis = self._front_end, self._axis
@@ -246,12 +251,13 @@ class AxisClassifier:
         if self.drift is not None or self.oscillation is not None:
             self._forget_range()
             return
-        moved = self._range.add(bias)
-        if moved >= self._parameters.drift_threshold:
-            self._tested.unnoticed = max(self._tested.unnoticed, moved)
+        self._moved = self._range.add(bias)
+        if self._moved >= self._parameters.drift_threshold:
+            self._tested.unnoticed = max(self._tested.unnoticed, self._moved)
 
     def _forget_range(self) -> None:
         self._range.reset()
+        self._moved = 0.0
         self._unnoticed = self._tested.unnoticed
 
 

@@ -344,8 +344,23 @@ class RegionClassifier:
             BearingState(contact.name, max(axes[column].region for column in contact.columns), contact.radius)
             for contact in self._contacts
         )
-        settled = self._unsettled <= 1 - max(axis.fewest_updates for axis in self._axes)
-        return RegionState(step, tuple(axes), bearings, region, since, self._radius(), settled)
+        return RegionState(step, tuple(axes), bearings, region, since, self._radius(), self._settled)
+
+    @property
+    def _settled(self) -> bool:
+        """Whether B and C could have been found."""
+        return self._unsettled <= 1 - max(axis.fewest_updates for axis in self._axes)
+
+    def _not_judged(self, axis: int) -> list[Region]:
+        """The regions that were not looked for on an axis at this update."""
+        judged, contact = self._axes[axis], self._contact_of[axis]
+        evaluated = self._settled and not self._touching
+        looked_for = {
+            Region.B: judged.drift is not None or (evaluated and judged.tests_drift),
+            Region.C: judged.oscillation is not None or (evaluated and judged.slow.cause is None),
+            Region.D: contact.since is not None or math.isfinite(contact.clearance),
+        }
+        return [region for region, done in looked_for.items() if not done]
 
     def _radius(self) -> float:
         """Largest radial position since the last update (m); of a machine without a radial bearing any displacement."""
@@ -384,5 +399,6 @@ class RegionClassifier:
             even_distortion=self._front_end.distortion[axis][0],
             odd_distortion=self._front_end.distortion[axis][1],
             frozen=self._front_end.is_frozen(axis),
+            not_judged="".join(region.name for region in self._not_judged(axis)),
             name=self.layout.axes[axis],
         )

@@ -72,6 +72,8 @@ class SlowOscillation:
         Largest line of the slow band that is not a beat (m, Hz).
     sampling_beat : bool
         Whether a harmonic of the input, folded at the sample rate, explains that line.
+    cause : OtherCause or None
+        What else a slow line may be; None without one, and where an oscillation was found.
     since : int or None
         Step at which the oscillation set in; None without one.
     fewest_updates : int
@@ -117,6 +119,7 @@ class SlowOscillation:
         self._long.reset()
         self.amplitude = self.frequency = 0.0
         self.sampling_beat = False
+        self.cause: OtherCause | None = None
 
     @property
     def since(self) -> int | None:
@@ -143,7 +146,8 @@ class SlowOscillation:
         short = self._search_short(residual, step)
         self._search_long(unexplained, step)
         causes = [short, *(window.cause for window in self._long.windows)]
-        self._searched.add(None if self.since is not None else next(filter(None, causes), None))
+        self.cause = None if self.since is not None else next(filter(None, causes), None)
+        self._searched.add(self.cause)
 
     # -- the short window
 

@@ -83,6 +83,11 @@ class AxisState:
     frozen : bool
         Whether the position has not changed at all while the reference moved: the sensor stands, its region means
         nothing.
+    not_judged : str
+        Letters of the regions that were not looked for at this update, such as `BC`; region A says nothing of them. B
+        while the loop resonates, the reference moves slowly, the tests begin again after that, or the bias has moved
+        too slowly for them; C where a slow line may have another cause; both before the state is settled and while the
+        rotor touches a bearing; D where the clearance is not known. Empty in bags of earlier versions.
     name : str
         Of the axis.
     """
@@ -105,6 +110,7 @@ class AxisState:
     even_distortion: float = math.nan
     odd_distortion: float = math.nan
     frozen: bool = False
+    not_judged: str = ""
     name: str = ""
 
 
@@ -181,6 +187,11 @@ class RegionState:
                 return axis
         names = ", ".join(axis.name for axis in self.axes)
         raise RegionError(f"no axis {name!r} at step {self.step}; its axes: {names}")
+
+    @property
+    def not_judged(self) -> str:
+        """Letters of the regions that were not looked for on some axis at this update, such as `BC`."""
+        return "".join(region.name for region in Region if any(region.name in axis.not_judged for axis in self.axes))
 
     @property
     def sampling_beat(self) -> bool:

@@ -216,9 +216,14 @@ class TrendTest:
         return self._count
 
     @property
+    def complete(self) -> bool:
+        """Whether the points since the last reset are enough for a test."""
+        return self._count >= self.points
+
+    @property
     def incomplete(self) -> int:
         """Points since the last reset, if they are too few for a test; otherwise 0."""
-        return self._count if self._count < self.points else 0
+        return 0 if self.complete else self._count
 
     @property
     def longest(self) -> int:

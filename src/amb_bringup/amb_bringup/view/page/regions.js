@@ -10,6 +10,13 @@ export function element(tag, properties = {}, ...children) {
   return made;
 }
 
+// Why an axis shows no region; empty if it does. A says that B, C and D were looked for.
+function unjudgedBecause(axis, settled) {
+  if (axis.frozen) return "sensor stands still";
+  if (axis.region !== "A" || !settled || !axis.not_judged) return "";
+  return `none found, ${[...axis.not_judged].join(" and ")} not judged`;
+}
+
 // The lamps; `away` says why the last regions hold no longer, and is empty while they do.
 export function showRegions(list, region, away = "") {
   list.previousElementSibling.hidden = Boolean(region);
@@ -18,14 +25,14 @@ export function showRegions(list, region, away = "") {
   region.axes.forEach((axis, number) => {
     const item = list.children[number] || list.appendChild(newLamp());
     const [lamp, name, evidence] = item.children;
-    const unjudged = away || (axis.frozen ? "sensor stands still" : ""); // it shows no region
+    const unjudged = away || unjudgedBecause(axis, region.settled);
     lamp.textContent = unjudged ? "–" : axis.region;
     lamp.dataset.region = unjudged ? "none" : axis.region;
     const early = axis.region === "A" && !region.settled; // delevitation is seen at once
     lamp.dataset.settled = !early;
     name.firstChild.textContent = axis.name;
     name.lastChild.textContent = ` ${unjudged || MEANINGS[axis.region] + (early ? ", too early for B and C" : "")}`;
-    const text = unjudged ? "" : evidenceOf(axis).join(" · ");
+    const text = away || axis.frozen ? "" : evidenceOf(axis).join(" · ");
     if (evidence.textContent !== text) evidence.textContent = text;
   });
 }
