@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from amb_core.ground.errors import TargetError
-from amb_core.rig.link import ReferenceTarget
+from amb_core.rig.link import Limits, ReferenceTarget
 from tests.target_rig import NONCE, Rig, library, machine
 
 
@@ -64,3 +64,9 @@ def test_a_short_or_long_key_is_refused_without_showing_it(length: int) -> None:
     with pytest.raises(TargetError, match=f"the key has {length} bytes; allowed: 16 to 64") as refused:
         Rig(key=key)
     assert key.hex() not in str(refused.value)
+
+
+def test_too_slow_a_reference_to_land_is_named() -> None:
+    said = r"limits.reference_slew = 1e-06 m/s is not allowed; allowed: .* m/s or more, to cross its largest clearance"
+    with pytest.raises(TargetError, match=said):
+        ReferenceTarget(library(), machine(2), Limits(reference_slew=1e-6), nonce=NONCE)

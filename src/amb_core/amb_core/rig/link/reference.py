@@ -26,6 +26,8 @@ COMPILER = (
     "gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-pedantic", "-ffp-contract=off",
 )  # fmt: skip
 VERSION = (1, 0, 0)
+LONGEST_LANDING = 30.0
+"""Longest time in which the reference may cross a clearance (s), by `amb_init` and the command for settings."""
 
 
 class _Axis(ctypes.Structure):
@@ -173,6 +175,14 @@ class ReferenceTarget:
         self.steps = 0
         self._frame, self._to = ctypes.create_string_buffer(LARGEST_FRAME), Peer()
         self._address = self._memory.ctypes.data
+        slowest = max(bearing.clearance for bearing in machine.bearings) / LONGEST_LANDING
+        slew = (limits or Limits()).reference_slew
+        self._refused = "no room for it, or a number that is not allowed"
+        if slew < slowest:
+            self._refused = (
+                f"limits.reference_slew = {slew:g} m/s is not allowed; allowed: {slowest:.2g} m/s or more, to cross "
+                f"its largest clearance within {LONGEST_LANDING:g} s"
+            )
         self._arrays = self.position.ctypes.data, self.coil_current.ctypes.data
         self._output = self.current.ctypes.data
         self.reboot(nonce)
@@ -196,8 +206,7 @@ class ReferenceTarget:
         self.steps = 0
         if not self._library.hosted_init(self._address, ctypes.byref(self._config), drawn):
             raise TargetError(
-                f"the target does not start with this configuration of {self._config.axes} axes: no room for it, "
-                "or a number that is not allowed"
+                f"the target does not start with this configuration of {self._config.axes} axes: {self._refused}"
             )
 
     def step(self, time: int | None = None, temperature: float = 0.0, amplifier_fault: bool = False) -> bool:
