@@ -159,7 +159,7 @@ def _region(axes: tuple[str, ...], step: int) -> bytes:
     numbers = [float(number) for number in range(8)]
     parts = [
         TYPES.types["amb_msgs/msg/AxisRegion"](
-            axis, 1, onset, *numbers, False, True, onset, False, onset, 0.0, 0.0, 0.0, 0.0, False
+            axis, 1, onset, *numbers, False, True, onset, False, onset, 0.0, 0.0, 0.0, 0.0, False, ""
         )
         for axis in axes
     ]

@@ -258,7 +258,7 @@ class AxisClassifier:
     def _forget_range(self) -> None:
         self._range.reset()
         self._moved = 0.0
-        self._unnoticed = self._tested.unnoticed
+        self._unnoticed: float = self._tested.unnoticed
 
 
 def gain(response: float, amplitude: float) -> float:
