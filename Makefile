@@ -87,10 +87,12 @@ bench-robust: setup  ## the robustness certificate on RUNS=200 loops and experim
 bench-verdicts: setup  ## verdicts on true and wrong models of random bearings; writes results/bench_verdicts.json
 	@$(RUN) python -m tests.benchmarks.verdicts.run
 
-.venv-peers/.complete: tests/benchmarks/ident/peers.txt | setup
+.venv-peers/.complete: tests/benchmarks/ident/peers.txt .venv/.root | setup
 	@$(RUN) python -m venv .venv-peers && .venv-peers/bin/python -m pip install -q -r $< && touch $@
 
-.venv-docs/.complete: docs/requirements.hashes | setup  # an environment of its own that sees the packages of .venv
+.venv/.root: | setup ;
+
+.venv-docs/.complete: docs/requirements.hashes .venv/.root | setup  # an environment of its own that sees the packages of .venv
 	@.venv/bin/python -m venv --clear .venv-docs && .venv-docs/bin/python -m pip install -q --disable-pip-version-check --no-deps --require-hashes -r $<
 	@cd .venv-docs/lib/python3*/site-packages && ls -d ../../../../.venv/lib/python3*/site-packages > workbench.pth
 	@touch $@

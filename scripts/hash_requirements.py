@@ -1,6 +1,7 @@
 """Writes requirements.hashes, and one such file of each extra: the pins with the hashes of the files that pip installs.
 
-Run it after a change of a requirements*.txt; it asks the index for the files of each Python that the workspace runs on.
+Run it after a change of a requirements*.txt; it asks the index for the files of each Python that the workspace runs on,
+and of the oldest and the newest C library.
 `scripts/setup.sh` installs nothing whose hash is another.
 """
 
@@ -16,6 +17,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.11", "3.12")
+OLDEST = ("manylinux_2_28_x86_64", "manylinux2014_x86_64")
+"""Platforms of the oldest C library for which there are wheels of ROS, 2.28; pip may take other files there."""
+SOURCES = ("empy==",)
+"""Pins without a wheel."""
 HEADER = "# Made by scripts/hash_requirements.py from {}, which is the file to change.\n"
 
 
@@ -24,12 +29,12 @@ def normal(name: str) -> str:
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
-def hashes(requirements: Path, python: str) -> dict[str, str]:
-    """SHA-256 of the file of each package for a version of Python, by normal name."""
+def hashes(requirements: Path, python: str, *options: str) -> dict[str, str]:
+    """SHA-256 of the file of each package for a version of Python and options of pip, by normal name."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.json")
         command = [sys.executable, "-m", "pip", "install", "-qq", "--dry-run", "--ignore-installed", "--no-deps"]
-        command += ["--python-version", python, "--target", folder, "--report", str(report)]
+        command += ["--python-version", python, "--target", folder, "--report", str(report), *options]
         subprocess.run([*command, "-r", str(requirements)], check=True)
         items = json.loads(report.read_text())["install"]
     return {
@@ -40,9 +45,14 @@ def hashes(requirements: Path, python: str) -> dict[str, str]:
 def write(requirements: Path) -> None:
     """Write the file with the hashes of a file of pins."""
     digests_of: defaultdict[str, set[str]] = defaultdict(set)
-    for python in PYTHONS:
-        for name, digest in hashes(requirements, python).items():
-            digests_of[name].add(digest)
+    oldest = ["--only-binary", ":all:", *(f"--platform={platform}" for platform in OLDEST)]
+    with tempfile.TemporaryDirectory() as folder:
+        wheels = Path(folder, "wheels.txt")
+        wheels.write_text("".join(line for line in requirements.open() if not line.startswith(SOURCES)))
+        for python in PYTHONS:
+            found = [hashes(requirements, python), hashes(wheels, python, *oldest)]
+            for name, digest in (item for one in found for item in one.items()):
+                digests_of[name].add(digest)
     lines = [HEADER.format(requirements.name)]
     for line in requirements.read_text().splitlines():
         pin = line.split("#")[0].strip()

@@ -4,10 +4,11 @@
 # Does only what is out of date; a set-up that was interrupted is repaired by the next call.
 # EXTRAS="NAME ..." adds what requirements-NAME.txt pins; it stays, and stays up to date, as long as .venv exists.
 set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+root=$(CDPATH='' cd -- "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv=$root/.venv
-venv_stamp=$venv/.complete     # checkout folder and checksum of requirements.txt; exists only if the install finished
+venv_root=$venv/.root    # checkout folder for which the environment was made
+venv_stamp=$venv/.complete     # the same and checksum of requirements.txt; exists only if the install finished
 build_stamp=$root/install/.complete    # checksum of everything that the build depends on; only if the build finished
 kernel_stamp=$root/install/.kernels    # checksum of what is compiled into numba's cache; only if that finished
 
@@ -17,8 +18,8 @@ say() { printf '\033[1m[setup]\033[0m %s\n' "$*"; }
 fail() { printf '[setup] error: %s\n' "$*" >&2; exit 1; }
 
 # A ROS installation or another workspace in the environment must not leak into this one.
-unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH LD_LIBRARY_PATH ROS_DISTRO \
-    _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
+unset PYTHONPATH PYTHONHOME AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH COLCON_CURRENT_PREFIX LD_LIBRARY_PATH \
+    ROS_DISTRO _ROS_WHEELS_BOOTSTRAP_COMPLETE VIRTUAL_ENV
 
 # A CPython 3.11 or 3.12 that can make environments and compile extensions. That of the distribution comes first: it is
 # built with profile-guided optimisation, without which (as version managers build theirs) the loop is a fifth slower.
@@ -57,8 +58,8 @@ extra_state() { cat requirements.txt "requirements-$1.txt" "requirements-$1.hash
 
 build_state() {  # Python sources count by name only: the build links to them
     local packages=(amb_* src)
-    find "${packages[@]}" -name __pycache__ -prune -o -type f ! -name '*.pyc' -print | LC_ALL=C sort
-    find "${packages[@]}" -name __pycache__ -prune -o -type f \( -name 'package.xml' -o -name 'setup.*' \
+    find "${packages[@]}" \( -name __pycache__ -o -name build \) -prune -o -type f ! -name '*.pyc' -print | LC_ALL=C sort
+    find "${packages[@]}" \( -name __pycache__ -o -name build \) -prune -o -type f \( -name 'package.xml' -o -name 'setup.*' \
         -o -name CMakeLists.txt -o -name '*.msg' -o -name '*.srv' -o -name '*.action' -o -name '*.yaml' \) -print0 |
         LC_ALL=C sort -z | xargs -0 sha256sum
     cat "$venv_stamp"
@@ -71,24 +72,29 @@ kernel_state() {
 }
 
 # Every package is pinned. With dependencies, pip may look at a version that came out after the pins, and refuse it.
-install_pins() { "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check --no-deps "$@"; }
+install_pins() {
+    PIP_USER=0 "$venv/bin/python" -m pip install -qq --no-input --disable-pip-version-check --no-deps "$@"
+}
 
 make_venv() {
     [ "$(uname -sm)" = "Linux x86_64" ] || fail "the ROS 2 wheels exist for x86-64 Linux only, this is $(uname -sm)"
-    # Interrupted, moved to another folder, or its Python removed: nothing to build upon.
-    if [ "$(head -n 1 "$venv_stamp" 2>/dev/null)" != "$root" ] || ! "$venv/bin/python" -c '' 2>/dev/null; then
+    # Moved to another folder, or its Python removed: nothing to build upon. Otherwise pip adds what is missing, and needs
+    # no network for what is there.
+    if [ "$(cat "$venv_root" 2>/dev/null)" != "$root" ] || ! "$venv/bin/python" -m pip --version > /dev/null 2>&1; then
         local python
         python=$(find_python)
         say "new environment .venv from $python"
         rm -rf "$venv" build install
         "$python" -m venv "$venv"
+        echo "$root" > "$venv_root"
     fi
     rm -f "$venv_stamp"
     say "installing the packages that requirements.txt pins (a few minutes the first time)"
-    # The hashes of the same pins; floor.sh has none for its own.
-    local pins=(-r requirements.txt)
-    [ ! -f requirements.hashes ] || pins=(--require-hashes -r requirements.hashes)
-    install_pins "${pins[@]}"
+    # The hashes of the same pins; floor.sh has none for its own. Setuptools comes first: it builds empy, the only source.
+    local pins=requirements.txt hashes=()
+    [ ! -f requirements.hashes ] || pins=requirements.hashes hashes=(--require-hashes)
+    install_pins "${hashes[@]}" -r <(sed -nE '/^setuptools==/{:a;p;/\\$/{n;ba}}' "$pins")
+    install_pins "${hashes[@]}" --no-build-isolation -r "$pins"
     mend_cmake_files
     venv_state > "$venv_stamp"
 }
@@ -98,6 +104,7 @@ add_extras() {
     local name stamp
     for name in ${EXTRAS:-} $(cd "$venv" && find . -maxdepth 1 -name '.extra-*' | sed 's|^./.extra-||'); do
         stamp=$venv/.extra-$name
+        [ -f "requirements-$name.txt" ] || continue    # of another branch
         [ "$(cat "$stamp" 2>/dev/null)" != "$(extra_state "$name")" ] || continue
         say "adding the extra $name (some minutes)"
         install_pins --require-hashes -r requirements.hashes -r "requirements-$name.hashes"
@@ -142,7 +149,7 @@ start_kernels() {
     find src/amb_core/amb_core -name '*.nb[ic]' -delete
     local part
     for part in plant estimates; do
-        PYTHONPATH=src/amb_core "$venv/bin/python" -m amb_core.warm_up "$part" &
+        PYTHONPATH=src/amb_core "$venv/bin/python" -m amb_core.warm_up "$part" 9<&- &
         compiling+=($!)
     done
     trap 'kill "${compiling[@]}" 2> /dev/null' EXIT    # whatever ends the set-up ends them too
@@ -157,18 +164,18 @@ finish_kernels() {
 
 # For the target emulator. It builds the library by itself when that is missing, so set-up continues without gcc.
 build_target() {
-    ( set +u; source scripts/env.sh; python -c 'import amb_core.rig.emulation.library as library; exit(library.main())' ) ||
+    ( source scripts/env.sh; python -c 'import amb_core.rig.emulation.library as library; exit(library.main())' ) ||
         say "warning: without it the target emulator does not start; the rest works"
 }
 
 # Corrects a fault of the ROS wheels; a node builds it by itself when it is missing.
 correction() {
-    printf '%s/amb/overflowed_wait-%.16s.so' "${XDG_CACHE_HOME:-$HOME/.cache}" \
+    printf '%s/amb/overflowed_wait-%.16s.so' "${XDG_CACHE_HOME:-${HOME:-}/.cache}" \
         "$(checksum < src/amb_ros/amb_ros/overflowed_wait.c)"
 }
 
 build_correction() {
-    ( set +u; source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()' ) ||
+    ( source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()' ) ||
         say "warning: without it a node can hang when it ends"
 }
 
@@ -176,7 +183,8 @@ case $root in *[[:space:]]*)
     fail "the folder '$root' has a space in its name, with which the executables of ROS packages cannot start; move it" ;;
 esac
 exec 9< "${BASH_SOURCE[0]}"
-flock 9    # two calls at the same time: the second waits, then finds everything done
+# Two calls at the same time: the second waits, then finds everything done.
+flock --nonblock 9 || { say "waiting for another set-up of this folder"; flock 9; }
 missing=()
 for tool in git make g++; do command -v "$tool" > /dev/null || missing+=("$tool"); done
 [ ${#missing[@]} -eq 0 ] || fail "not installed: ${missing[*]} (Debian or Ubuntu: apt install git make g++)"

@@ -12,6 +12,7 @@ setup(
     maintainer_email="maintainers@users.noreply.example",
     url="https://users.noreply.example/amb-workbench",
     license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed", "*.xml", "*.c"]},
     data_files=[

@@ -30,6 +30,12 @@ def test_a_node_of_this_host_takes_no_packets_from_a_network(graph: Graph) -> No
     assert network.sockets_open_to_network(graph.domain, pid) == []
 
 
+@pytest.mark.parametrize("only", ["", "0"])
+def test_an_explicit_range_holds_where_localhost_only_is_off(graph: Graph, only: str) -> None:
+    pid = start_recorder(graph, ROS_LOCALHOST_ONLY=only, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    assert network.sockets_open_to_network(graph.domain, pid) == []
+
+
 def test_a_node_of_the_network_is_reached_from_this_host_too(graph: Graph) -> None:
     pid = start_recorder(graph, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
     assert network.sockets_open_to_network(graph.domain, pid), "otherwise the test above could not fail"
@@ -54,6 +60,8 @@ def test_a_socket_counts_only_if_a_participant_receives_there(offsets, seen) -> 
         ({"ROS_STATIC_PEERS": "192.0.2.7"}, False),
         ({"ROS_LOCALHOST_ONLY": "1"}, True),
         ({"ROS_LOCALHOST_ONLY": "0"}, False),
+        ({"ROS_LOCALHOST_ONLY": ""}, True),
+        ({"ROS_LOCALHOST_ONLY": "0", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, True),
     ],
 )
 def test_the_command_line_keeps_to_this_host_unless_the_environment_says_more(environment, local, monkeypatch) -> None:

@@ -18,7 +18,7 @@ PORT_BASE, DOMAIN_GAIN, UNICAST = 7400, 250, 10  # PB, DG and d1 of DDSI-RTPS
 
 def keep_to_this_host() -> None:
     """Limit the nodes of this process, and of those that it starts, to this host, unless the user has set a range."""
-    if "ROS_LOCALHOST_ONLY" not in os.environ:  # it would hold instead, with a warning
+    if not os.environ.get("ROS_LOCALHOST_ONLY"):  # it would hold instead, with a warning
         os.environ.setdefault(RANGE, "LOCALHOST")
 
 
@@ -30,8 +30,8 @@ def open_to_network() -> None:
 
 def is_local() -> bool:
     """Whether the environment limits nodes to this host."""
-    if "ROS_LOCALHOST_ONLY" in os.environ:
-        return os.environ["ROS_LOCALHOST_ONLY"] == "1"
+    if os.environ.get("ROS_LOCALHOST_ONLY") == "1":  # with 0 the range holds
+        return True
     return os.environ.get(RANGE, "").upper() in THIS_HOST and not os.environ.get("ROS_STATIC_PEERS")
 
 

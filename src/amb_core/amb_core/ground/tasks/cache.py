@@ -30,7 +30,10 @@ def cache_folder(subject: str) -> Path:
     Path
         The folder, whether it exists or not.
     """
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb" / subject
+    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if not cache.is_absolute():  # to be ignored, says the specification
+        cache = Path.home() / ".cache"
+    return cache / "amb" / subject
 
 
 class ResultCache:

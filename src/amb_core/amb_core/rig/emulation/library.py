@@ -5,11 +5,11 @@ Set-up builds it once; whoever needs it builds it again when its sources are new
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 
 from amb_core.ground.errors import TargetError
+from amb_core.ground.tasks.cache import cache_folder
 from amb_core.rig.link import build_library
 from amb_core.rig.link.reference import SOURCE
 
@@ -39,7 +39,7 @@ def _folder() -> Path:
     """Beside the other builds of a checkout; else in the user's cache, since an installation may be read-only."""
     if SOURCE.is_symlink():
         return SOURCE.resolve().parent / "build" / "target"
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb" / "target"
+    return cache_folder("target")
 
 
 def main() -> int:
