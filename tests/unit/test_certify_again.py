@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -22,7 +23,7 @@ from amb_core.loop.linear_control import LinearControllerParameters, pd_as_linea
 from amb_core.report.pages.again import certify_again
 from amb_core.report.pages.certificate import write_certificate
 from amb_core.report.pages.certification import Request, certify_request
-from amb_core.robustness import RobustnessSettings
+from amb_core.robustness import RobustnessSettings, sha256_of
 from amb_core.robustness.trace import CertificateHeader, controller_from, controller_values
 from tests.unit.test_recording_report import write_bag
 
@@ -133,3 +134,12 @@ def test_no_pdf_of_another_certificate_stays_beside_a_new_one(copied: Path) -> N
     certificate = certify_again(copied / "certificate.json").certificate
     write_certificate(certificate, copied)
     assert not (copied / "certificate.pdf").exists()
+
+
+def test_the_hash_of_a_file_is_the_one_that_every_tool_prints(tmp_path: Path) -> None:
+    file = tmp_path / "data.csv"
+    file.write_bytes(b"u,y\n1,2\n")
+    assert sha256_of(file) == hashlib.sha256(file.read_bytes()).hexdigest()
+    of_folder = sha256_of(tmp_path)
+    file.rename(tmp_path / "other.csv")
+    assert sha256_of(tmp_path) != of_folder != sha256_of(tmp_path / "other.csv")

@@ -258,3 +258,11 @@ def test_a_sample_time_of_parquet_that_is_none_is_not_known(tmp_path: Path, valu
 def test_a_sample_time_of_arrays_that_is_none_is_not_known(tmp_path: Path, scalar: dict[str, float]) -> None:
     np.savez(tmp_path / "rig.npz", u=U, y=Y, **scalar)
     assert read(tmp_path / "rig.npz", rate=1e3, controller="none").data.sample_time == 1e-3
+
+
+@pytest.mark.parametrize("column", ["i", "x"])
+def test_a_signal_is_not_its_own_reference(tmp_path: Path, column: str) -> None:
+    file = tmp_path / "data.csv"
+    file.write_text("time [s],i [A],x [um]\n" + "".join(f"{0.001 * k:.3f},{k % 3},{k % 5}\n" for k in range(50)))
+    with pytest.raises(IdentificationError, match=f"column {column} is named in --reference, and in --inputs or"):
+        read(file, inputs="i", outputs="x", reference=column, controller="none")

@@ -94,6 +94,7 @@ def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
         "certified": False,
         "statement": "predicted",
         "checks": [],
+        "request": {"model": "model/model.json"},
         "inputs": {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}},
     }
     (folder / "certificate.json").write_text(json.dumps(certificate))
@@ -107,9 +108,59 @@ def test_a_certificate_is_stale_with_its_model(folder: Path) -> None:
 @pytest.mark.parametrize("statement", ["certified", "certified with reservations"])
 def test_a_certificate_is_shown_with_what_it_states(folder: Path, statement: str) -> None:
     inputs = {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}}
-    certificate = {"certified": True, "statement": statement, "checks": [], "inputs": inputs}
+    request = {"model": "model/model.json"}
+    certificate = {"certified": True, "statement": statement, "checks": [], "inputs": inputs, "request": request}
     (folder / "certificate.json").write_text(json.dumps(certificate))
     assert status_of(folder).items[-1].reason == f"{statement}; from model/model.json"
+
+
+def certificate_of_files(folder: Path) -> Path:
+    """A certificate of the model, data, their description and a controller, made in another folder; its file."""
+    files = {"model": "model/model.json", "bag": "fresh.csv", "description": "data.yaml", "controller": "law.json"}
+    for name in ("fresh.csv", "data.yaml", "law.json"):
+        (folder / name).write_text("{}\n")
+    roles = {field: f"{field}{' file' * (field == 'controller')}" for field in files}
+    content = {
+        "certified": True,
+        "statement": "certified",
+        "checks": [],
+        "request": {field: f"/elsewhere/{path}" for field, path in files.items()} | {"sweep_bag": ""},
+        "inputs": {
+            **{
+                f"{roles[field]} {Path(path).name}": {"sha256": sha256_of(folder / path)}
+                for field, path in files.items()
+            },
+            "controller law.json": {"sha256": "of its gains"},
+        },
+    }
+    path = folder / "certificate.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+@pytest.mark.parametrize("name", ["fresh.csv", "data.yaml", "law.json"])
+def test_a_certificate_is_stale_with_every_file_that_it_was_made_from(folder: Path, name: str) -> None:
+    certificate_of_files(folder)
+    assert status_of(folder).items[-1].state is State.CURRENT
+    with (folder / name).open("a") as file:
+        file.write("# changed\n")
+    judged = status_of(folder).items[-1]
+    assert (judged.state, judged.reason) == (State.STALE, f"certified; {name} has changed since")
+    (folder / name).unlink()
+    judged = status_of(folder).items[-1]
+    assert (judged.state, judged.reason) == (
+        State.UNKNOWN, f"certified; {name}, which it was made from, is not in the folder",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "part", [{"request": []}, {"request": {"bag": 3}}, {"inputs": []}, {"inputs": {"bag fresh.csv": 1}}]
+)
+def test_a_certificate_of_a_stranger_is_unknown(folder: Path, part: dict[str, object]) -> None:
+    path = certificate_of_files(folder)
+    content = json.loads(path.read_text())
+    path.write_text(json.dumps({**content, "request": {"bag": "/etc/fresh.csv"}} | part))
+    assert status_of(folder).items[-1].state is State.UNKNOWN
 
 
 def test_inputs_that_are_not_recorded_or_not_there_are_unknown(folder: Path) -> None:
@@ -140,7 +191,8 @@ def identified(folder: Path) -> Path:
 
 def certificate(folder: Path, certified: bool, statement: str) -> None:
     inputs = {"model model.json": {"sha256": sha256_of(folder / "model/model.json")}}
-    content = {"certified": certified, "statement": statement, "checks": [], "inputs": inputs}
+    request = {"model": "model/model.json"}
+    content = {"certified": certified, "statement": statement, "checks": [], "inputs": inputs, "request": request}
     (folder / "certificate.json").write_text(json.dumps(content))
 
 
@@ -181,6 +233,13 @@ def test_the_command_shows_the_same_as_json(folder: Path) -> None:
     assert content["next"] == status_of(folder).as_dict()["next"]
     text = CliRunner().invoke(app, ["status", str(folder)], env={"COLUMNS": "160"}).stdout
     assert content["next"]["command"] in text and "data.csv" in text
+    assert "cd " not in text
+
+
+def test_the_next_command_begins_with_the_folder_if_that_is_another(folder: Path, tmp_path_factory) -> None:
+    elsewhere = tmp_path_factory.mktemp("else where")
+    shown = CliRunner().invoke(app, ["status", str(elsewhere)], env={"COLUMNS": "160"}).stdout
+    assert shown.splitlines()[-2:] == [f"  cd '{elsewhere}'", "  amb new bearing.yaml"]
 
 
 def test_what_is_no_folder_is_refused(folder: Path) -> None:

@@ -305,7 +305,7 @@ def test_a_table_without_a_clearance_is_not_said_to_be_free_of_delevitation(tmp_
     said = CliRunner().invoke(app, command, catch_exceptions=False).stdout
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "D not judged: the clearance is not known" in said and "--clearance" in said and "D 0.0 %" not in said
-    assert summary["shares"]["D"] is None and summary["not_judged"]["D"] == ["x"]
+    assert summary["shares"]["D"] is None and summary["not_judged"]["D"] == ["x"] and summary["delevitated"] is None
     recording, _ = read_recording(tmp_path / "fall.csv")
     report = recording_report(recording, order=2)
     assert "Region A" not in report.lead and "D not judged: the clearance is not known." in report.lead
@@ -313,7 +313,7 @@ def test_a_table_without_a_clearance_is_not_said_to_be_free_of_delevitation(tmp_
     said = CliRunner().invoke(app, [*command, "--clearance", "140um"], catch_exceptions=False).stdout
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert "not judged" not in said and "in region D" in said
-    assert summary["onsets"]["rotor"]["D"]["step"] == 10_000
+    assert summary["onsets"]["rotor"]["D"]["step"] == 10_000 and summary["delevitated"] is True
     data = read(tmp_path / "fall.csv", clearance="140um", controller="none").data
     assert check_region(data).what.startswith("region D (delevitated) from step 10000")
 

@@ -128,14 +128,16 @@ def _warn(console: Terminal, result: Identification) -> None:
 
 
 def _orders(text: str) -> list[int] | None:
-
     if not text:
         return None
     try:
         parts = [part.split("-") for part in text.split(",")]
-        return [order for part in parts for order in range(int(part[0]), int(part[-1]) + 1)]
+        orders = [order for part in parts for order in range(int(part[0]), int(part[-1]) + 1)]
     except ValueError:
-        raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8") from None
+        orders = []
+    if not orders or min(orders) < 1:
+        raise IdentificationError(f"--orders {text} is not allowed; it must be such as 4-14 or 4,6,8")
+    return orders
 
 
 def _joined(

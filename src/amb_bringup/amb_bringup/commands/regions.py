@@ -54,6 +54,7 @@ def regions(
 def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
     """The result as plain JSON values, times in s and frequencies in Hz."""
     record, classification = classified.record, classified.classification
+    shares = _judged_shares(classified)
     return {
         "bag": str(bag),
         "run": classified.run,
@@ -62,9 +63,9 @@ def _summary(classified: RecordedRegions, bag: Path) -> dict[str, Any]:
         "sample_time": record.sample_time,
         "gaps": classified.gaps,
         "frozen": classified.frozen,
-        "delevitated": classified.delevitated,
+        "delevitated": None if shares[Region.D] is None else Region.D in classification.onsets,
         "region_at_end": _region_at_end(classified),
-        "shares": {region.name: share for region, share in _judged_shares(classified).items()},
+        "shares": {region.name: share for region, share in shares.items()},
         "not_judged": classification.judged.as_dict,
         "onsets": {
             part: {region.name: _onset(region, onset) for region, onset in onsets.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,6 +44,8 @@ def status(
         shown.print(_table(project))
     shown.print(f"next: {project.step.reason}", highlight=False, soft_wrap=True)
     if project.step.command:
+        if folder.resolve() != Path.cwd():
+            shown.print(f"  cd {shlex.quote(str(folder))}", highlight=False, soft_wrap=True)
         shown.print(f"  {project.step.command}", highlight=False, soft_wrap=True)
 
 

@@ -16,7 +16,7 @@ from amb_core.loop.known_controller import KnownController, LinearControl
 
 
 def sha256_of(path: str | Path) -> str:
-    """SHA-256 of a file, or of names and contents of all files of a folder.
+    """SHA-256 of a file, as `sha256sum` prints it; of a folder that of the names and SHA-256 of all its files.
 
     Parameters
     ----------
@@ -35,15 +35,19 @@ def sha256_of(path: str | Path) -> str:
     """
     place, digest = path_of("path", path, RobustnessError), hashlib.sha256()
     try:
-        files = sorted(item for item in place.rglob("*") if item.is_file()) if place.is_dir() else [place]
-        for file in files:
-            if place.is_dir():
-                digest.update(str(file.relative_to(place)).encode())
-            with file.open("rb") as content:
-                digest.update(hashlib.file_digest(content, "sha256").digest())
+        if not place.is_dir():
+            return _of_file(place).hex()
+        for file in sorted(item for item in place.rglob("*") if item.is_file()):
+            digest.update(str(file.relative_to(place)).encode())
+            digest.update(_of_file(file))
     except OSError as problem:
         raise RobustnessError(f"{place}: cannot be read: {problem.strerror}") from None
     return digest.hexdigest()
+
+
+def _of_file(file: Path) -> bytes:
+    with file.open("rb") as content:
+        return hashlib.file_digest(content, "sha256").digest()
 
 
 def sha256_of_model(model: StateSpaceModel) -> str:

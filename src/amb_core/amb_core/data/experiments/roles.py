@@ -67,6 +67,9 @@ def find_roles(table: Table, description: DataDescription) -> Roles:
     for column in (*inputs, *outputs):
         if sum(column.values is other.values for other in (*inputs, *outputs)) > 1:
             raise IdentificationError(f"column {column.name} is named more than once in --inputs and --outputs")
+    for column in reference:
+        if any(column.values is other.values for other in (*inputs, *outputs)):
+            raise IdentificationError(f"column {column.name} is named in --reference, and in --inputs or --outputs")
     return Roles(inputs, outputs, reference, time)
 
 

@@ -125,7 +125,8 @@ def _changed_inputs(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator[
         for what, key in (("file", "sha256"), ("samples", "sha256_of_samples")):
             if before.get(key) and before.get(key) != now.get(key):
                 yield f"{role} {before.get('name')}: the SHA-256 of the {what} is {now.get(key)}, before {before[key]}"
-    files = [name for name in old["inputs"] if name.startswith(("controller file", "experiment controller file"))]
+    texts = ("description", "controller file", "experiment controller file")
+    files = [name for name in old["inputs"] if name.startswith(texts)]
     for name in files:
         now = new["inputs"].get(name, {}).get("sha256")  # the gains of one that is gone are in the certificate
         if now is not None and now != old["inputs"][name].get("sha256"):

@@ -160,16 +160,26 @@ class _Judge:
         return self._of_inputs(inputs)
 
     def _certificate(self, item: Item) -> tuple[State, str]:
-        """By the names of its inputs, which are `ROLE NAME` without folder."""
+        """By its inputs, which are named by role, without folder."""
         named = {}
-        for role_and_name, recorded in item.content["inputs"].items():
-            digest = recorded["sha256"]
-            places = [path for path in self._known if role_and_name.endswith(f" {Path(path).name}")]
-            same = [path for path in places if self._hash(path) == digest]
-            named.update(dict.fromkeys(same[:1] or places[:1], digest))
+        request, inputs = item.content.get("request"), item.content["inputs"]
+        for field, path in request.items() if isinstance(request, dict) and isinstance(inputs, dict) else ():
+            role = field.replace("_", " ") + " file" * field.endswith("controller")
+            recorded = inputs.get(f"{role} {Path(path).name}") if path and isinstance(path, str) else None
+            if isinstance(recorded, dict) and isinstance(recorded.get("sha256"), str):
+                named[self._place(path, item, recorded["sha256"])] = recorded["sha256"]
         state, reason = self._of_inputs(named)
         verdict = str(item.content.get("statement", "not certified"))
         return state, f"{verdict}{'; ' * bool(reason)}{reason}"
+
+    def _place(self, path: str, item: Item, digest: str) -> str:
+        """Where an input of an item is in the folder; its name if it is nowhere. Nothing outside is read."""
+        name, folder, whole = Path(path).name, self._folder.resolve(), Path(path).resolve()
+        inside = [str(whole.relative_to(folder))] if whole.is_relative_to(folder) else []
+        files = [place for place in (*inside, str(item.path.parent / name), name) if (folder / place).is_file()]
+        places = [*(known for known in self._known if Path(known).name == name), *files]
+        same = (place for place in places if self._hash(place) == digest)
+        return next(same, places[0] if places else name)
 
     def _of_bearing(self, made: Mapping[str, Any]) -> tuple[State, str]:
         """By parameters, of the bearing that they suit best."""
