@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 SETTLING = 1_000
 STEPS = 6_000
+UPDATE = 100  # steps; of the region monitor, by default
 
 
 @pytest.mark.parametrize(
@@ -99,6 +100,31 @@ def test_experiment_is_recorded_and_identified_live_and_from_its_bag(amb: AmbCli
     assert content.telemetry(run).steps == STEPS
     assert content.parameters()["/amb/pd_controller"]["proportional_gain"] == 20_000.0
     assert [excitation.first_step for excitation in content.excitations(run)][-1] == SETTLING
+
+
+def test_the_region_is_that_at_the_end_of_the_present_run(amb: AmbClient):
+    for _ in range(2):
+        amb.reset()
+        for end in (3_000, 6_000):
+            amb.run(3_000)
+            assert end - UPDATE < amb.region_state().step < end
+
+
+def test_a_run_that_another_client_resets_is_an_error_that_names_both_runs(amb: AmbClient):
+    run = amb.reset()
+    later: list[int] = []
+    with AmbClient(domain_id=amb.node.context.get_domain_id(), timeout=TIMEOUT) as other:
+
+        def reset(step: int) -> None:
+            if step > 0 and not later:
+                later.append(other.reset())
+
+        with pytest.raises(ClientError) as caught:
+            amb.run(10_000_000, reset)
+    assert f"run {run} was ended by a reset or a restart of the simulator; the present run is {later[0]}" == str(
+        caught.value
+    )
+    assert amb.run(100).run == later[0]
 
 
 def test_reset_takes_a_parameter_file_of_the_caller(amb: AmbClient, tmp_path: Path, monkeypatch: Any):

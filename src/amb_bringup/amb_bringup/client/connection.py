@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import time
 import weakref
 from collections import Counter
-from collections.abc import Callable, Sequence
-from types import TracebackType
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import MappingProxyType, TracebackType
 from typing import Any, Self
 
 import rclpy
@@ -35,10 +37,11 @@ RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less tha
 DOMAIN = "ROS_DOMAIN_ID"
 LAST_DOMAIN = 232
 REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class GraphConnection:
-    """Calls services and actions of the nodes of one graph. Not for use from several threads at once.
+    """Calls services and actions of the nodes of one graph, from one thread at a time.
 
     Parameters
     ----------
@@ -59,8 +62,8 @@ class GraphConnection:
     Raises
     ------
     ClientError
-        By every method, if a node is missing, does not answer within the timeout, or refuses; and for arguments that
-        are not allowed.
+        By every method, if a node is missing, does not answer within the timeout, or refuses; for arguments that are
+        not allowed; and while another thread is in a call of this connection.
     """
 
     def __init__(self, namespace: str, timeout: float, domain_id: int | None, nodes: Sequence[str]) -> None:
@@ -84,6 +87,8 @@ class GraphConnection:
             self._executor.add_node(self.node)
         # Also for a client that is never closed: an open connection can crash the interpreter while it ends.
         self._leave = weakref.finalize(self, _leave, self._executor, self.node, self._context)
+        self._in_call = threading.RLock()
+        self._spinning = False
         self._clients: dict[str, Any] = {}
         self._rejections: dict[str, RejectionListener] = {}  # by action
 
@@ -109,6 +114,32 @@ class GraphConnection:
         """
         if not self._leave.alive:
             raise ClientError("this client is closed; open another")
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Keep other threads out until the end of a call, which may consist of several.
+
+        Yields
+        ------
+        None
+            In the call.
+
+        Raises
+        ------
+        ClientError
+            If another thread is in a call, or if this one is called from a callback, in the middle of another call.
+        """
+        if not self._in_call.acquire(blocking=False):
+            raise ClientError("this client is in a call of another thread; allowed: one client per thread")
+        try:
+            if self._spinning:
+                raise ClientError(
+                    "this client is called from a callback, in the middle of another call; note what has arrived, and "
+                    "call once that call has ended"
+                )
+            yield
+        finally:
+            self._in_call.release()
 
     def wait_for_nodes(self, check: Callable[[], None] = lambda: None, timeout: float | None = None) -> None:
         """Wait until all nodes of the graph are available.
@@ -151,10 +182,11 @@ class GraphConnection:
             If the condition does not hold in time.
         """
         deadline = time.monotonic() + (self.timeout if timeout is None else seconds("timeout", timeout))
-        while not condition():
-            if time.monotonic() > deadline:
-                raise ClientError(complaint)
-            self.spin_once(0.05)
+        with self.alone():
+            while not condition():
+                if time.monotonic() > deadline:
+                    raise ClientError(complaint)
+                self.spin_once(0.05)
 
     def node_names(self) -> set[str]:
         """Nodes that run in the namespace of this connection; those of other graphs in its domain are left out.
@@ -192,13 +224,24 @@ class GraphConnection:
             Longest wait for it (s).
         """
         self.require_open()
-        with interruptions.held_back():
-            self._executor.spin_once(timeout_sec=timeout)
+        with self.alone(), interruptions.held_back():
+            self._spinning = True
+            try:
+                self._executor.spin_once(timeout_sec=timeout)
+            finally:
+                self._spinning = False
+
+    def process_arrived(self) -> None:
+        """Process all messages that have arrived, without waiting for others."""
+        self.require_open()
+        marker = self._executor.create_task(lambda: None)  # the queue is in the order of arrival
+        self.wait_until(marker.done)
 
     def call(
         self,
         service: Any,
         name: str,
+        named: Mapping[str, Any] = _NONE,
         /,
         *,
         timeout: float | None = None,
@@ -213,6 +256,8 @@ class GraphConnection:
             Type of the service.
         name : str
             Its name, relative to the namespace.
+        named : mapping of str to object, optional
+            Fields of the request that are named like an argument of this method, such as timeout; none by default.
         timeout : float, optional
             Longest wait for the answer (s); that of the connection by default.
         repeat_after : float, optional
@@ -239,7 +284,7 @@ class GraphConnection:
             self._clients[name] = self.node.create_client(service, name)
         client = self._clients[name]
         full_name = self.node.resolve_service_name(name)
-        request = filled(service.Request, full_name, fields)
+        request = filled(service.Request, full_name, {**named, **fields})
         self.wait_until(client.service_is_ready, self.timeout, f"no service {full_name}; is the node running?")
         pending = PendingRequest(client, request, repeat_after)
         try:

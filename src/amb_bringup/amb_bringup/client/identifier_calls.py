@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields as fields_of
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from amb_bringup.client.connection import GraphConnection
 from amb_bringup.client.errors import ClientError
-from amb_bringup.client.request_fields import absolute, controller_name, description_text, known_settings
+from amb_bringup.client.request_fields import absolute, controller_name, description_text, with_settings
 from amb_core.linear.model import StateSpaceModel
 from amb_core.recording.messages.state_space_model import model_from_message
 from amb_msgs.action import Identify
@@ -36,7 +36,7 @@ class IdentifiedModel(StateSpaceModel):
     @classmethod
     def of(cls, model: StateSpaceModel, verdict: str) -> IdentifiedModel:
         """A model with a verdict."""
-        copied = cls(**{item.name: getattr(model, item.name) for item in fields(model)})
+        copied = cls(**{item.name: getattr(model, item.name) for item in fields_of(model)})
         object.__setattr__(copied, "verdict", verdict)
         return copied
 
@@ -216,22 +216,19 @@ class IdentifierCalls(GraphConnection):
         Certify.Response
             Its fields are described in `amb_msgs/srv/Certify`.
         """
-        return self.call(
-            Certify,
-            "identifier/certify",
-            timeout=timeout,
-            repeat_after=COMPUTED,
-            controller=controller_name(controller),
-            description=description_text(description),
-            model=absolute(model),
-            bag=absolute(bag),
-            validation_bag=absolute(validation_bag),
-            sweep_bag=absolute(sweep_bag),
-            out=absolute(out),
-            on_telemetry=on_telemetry,
-            experiment_controller=controller_name(experiment_controller),
-            **known_settings(Certify.Request, settings),
-        )
+        own = {
+            "controller": controller_name(controller),
+            "description": description_text(description),
+            "model": absolute(model),
+            "bag": absolute(bag),
+            "validation_bag": absolute(validation_bag),
+            "sweep_bag": absolute(sweep_bag),
+            "out": absolute(out),
+            "on_telemetry": on_telemetry,
+            "experiment_controller": controller_name(experiment_controller),
+        }
+        fields = with_settings(Certify.Request, own, settings)
+        return self.call(Certify, "identifier/certify", timeout=timeout, repeat_after=COMPUTED, **fields)
 
     def get_model(self) -> StateSpaceModel:
         """The last identified model.

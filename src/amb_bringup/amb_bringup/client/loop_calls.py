@@ -13,7 +13,7 @@ from typing import Any
 from amb_bringup.client.errors import ClientError, NoAnswerError
 from amb_bringup.client.identifier_calls import IdentifierCalls
 from amb_bringup.client.region_calls import RegionCalls
-from amb_bringup.client.request_fields import absolute, known_settings
+from amb_bringup.client.request_fields import absolute, with_settings
 from amb_bringup.client.rig import Rig
 from amb_core.ground.files.parameter_files import BRIDGE_NODE, NODES
 from amb_core.ground.given_values import whole_number
@@ -34,6 +34,7 @@ from amb_ros.requests import COMPUTED, QUICKLY
 from amb_ros.subscriptions import create_subscription
 
 TIMEOUT = 20.0  # s, for everything else
+LONGEST_STOP = 3600.0  # s, of the service to stop a recording
 EXCITATION_TIMEOUT = 120.0  # s; generator and controller may have to search for the phases of a long multisine
 
 
@@ -160,15 +161,25 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         Raises
         ------
         ClientError
-            If `steps` is below 1, the plant fails, or the simulator is paused before the end or does not advance.
+            If `steps` is below 1, the plant fails, the simulator is paused before the end or does not advance, or a
+            reset or a restart of the simulator ends the run.
         """
         if whole_number("steps", steps, ClientError) < 1:
             raise ClientError(f"steps = {steps} is not allowed; allowed: 1 or more")
-        self._require_simulator("simulator/run")
-        started = self.call(RunSteps, "simulator/run", steps=steps)
-        seen_step, deadline = -1, 0.0
+        with self.alone():
+            self._require_simulator("simulator/run")
+            return self._end_of(self.call(RunSteps, "simulator/run", steps=steps), progress)
+
+    def _end_of(self, started: RunSteps.Response, progress: Callable[[int], None] | None) -> RunEnd:
+        """Wait for the end of a run request; parameters and errors as for `run`."""
+        seen_step, deadline = -1, time.monotonic() + self.timeout
         while True:
             state = self._state
+            if state is not None and state.run > started.run:
+                raise ClientError(
+                    f"run {started.run} was ended by a reset or a restart of the simulator; the present run is "
+                    f"{state.run}"
+                )
             if state is not None and state.run == started.run:
                 if state.step != seen_step:
                     seen_step, deadline = state.step, time.monotonic() + self.timeout
@@ -182,28 +193,41 @@ class LoopCalls(IdentifierCalls, RegionCalls):
                     return RunEnd(state.run, state.step, state.mode == SimulatorState.DELEVITATED)
                 if state.mode == SimulatorState.PAUSED and state.step > started.first_step:
                     raise ClientError(f"the simulator was paused at step {state.step}, before {started.last_step}")
-            if seen_step >= 0 and time.monotonic() > deadline:
-                raise ClientError(
-                    f"the loop has stood at step {seen_step} for {self.timeout:g} s; is the controller running?"
-                )
+            if time.monotonic() > deadline:
+                raise ClientError(self._standstill(started.run))
             self.spin_once()
 
-    def _require_simulator(self, service: str) -> None:
-        """Wait for the node simulator; ClientError if the graph has a bridge to a rig instead."""
-        self.require_open()
+    def _standstill(self, run: int) -> str:
+        """Why a run does not go on, by the last state of the simulator."""
+        state, wait = self._state, f"{self.timeout:g} s"
+        if state is None or state.run != run:
+            return f"no state of run {run} within {wait}; is the simulator running?"
+        if state.mode == SimulatorState.WAITING:
+            return (
+                f"the loop has stood at step {state.step} for {wait}: the simulator waits for the controller; is it "
+                "running?"
+            )
+        if state.mode == SimulatorState.PAUSED:
+            return f"the simulator has been paused at step {state.step} for {wait}"
+        return f"no state after step {state.step} of run {run} within {wait}; is the simulator running?"
 
-        def simulator_runs() -> bool:
+    def _require_simulator(self, name: str) -> None:
+        """Wait for a service of the simulator; ClientError if the graph has a bridge to a rig instead."""
+        self.require_open()
+        service = self.node.resolve_service_name(name)
+
+        def is_there() -> bool:
+            if self.node.count_services(service) > 0:  # whether or not the graph knows the name of its node
+                return True
             names = self.node_names()
             if BRIDGE_NODE in names and "simulator" not in names:
                 raise ClientError(
-                    f"{self.node.resolve_service_name(service)} needs a simulator; this graph has a rig behind "
-                    f"{BRIDGE_NODE}: levitate and land it, with AmbClient.rig or `amb rig`"
+                    f"{service} needs a simulator; this graph has a rig behind {BRIDGE_NODE}: levitate and land it, "
+                    "with AmbClient.rig or `amb rig`"
                 )
-            return "simulator" in names
+            return False
 
-        self.wait_until(
-            simulator_runs, complaint=f"no service {self.node.resolve_service_name(service)}; is the node running?"
-        )
+        self.wait_until(is_there, complaint=f"no service {service}; is the node running?")
 
     # -- excitation
 
@@ -224,17 +248,11 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         StartedExcitation
             Run, first step and number of steps.
         """
-        fields = known_settings(StartExcitation.Request, settings)
+        own = {"kind": kind, "first_step": first_step, "run": self._run}
+        fields = with_settings(StartExcitation.Request, own, settings)
+        wait = max(self.timeout, EXCITATION_TIMEOUT)
         try:
-            answer = self.call(
-                StartExcitation,
-                "excitation_generator/start",
-                timeout=max(self.timeout, EXCITATION_TIMEOUT),
-                kind=kind,
-                first_step=first_step,
-                run=self._run,
-                **fields,
-            )
+            answer = self.call(StartExcitation, "excitation_generator/start", timeout=wait, **fields)
         except NoAnswerError:  # it may play, at a step that nobody knows
             with contextlib.suppress(ClientError):
                 self.stop_excitation()
@@ -262,14 +280,9 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         PreviewExcitation.Response
             Its fields are described in `amb_msgs/srv/PreviewExcitation`.
         """
-        return self.call(
-            PreviewExcitation,
-            "excitation_generator/preview",
-            repeat_after=COMPUTED,
-            kind=kind,
-            map=absolute(region_map),
-            **known_settings(PreviewExcitation.Request, settings),
-        )
+        own = {"kind": kind, "map": absolute(region_map)}
+        fields = with_settings(PreviewExcitation.Request, own, settings)
+        return self.call(PreviewExcitation, "excitation_generator/preview", repeat_after=COMPUTED, **fields)
 
     # -- recording
 
@@ -293,7 +306,7 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         return self.call(StartRecording, "recorder/start", uri=absolute(uri)).uri
 
     def stop_recording(self, run: int = 0, step: int = 0) -> str:
-        """Close the bag once its telemetry has arrived.
+        """Close the bag once its telemetry has arrived, for which the recorder waits half the client's timeout.
 
         Parameters
         ----------
@@ -307,11 +320,17 @@ class LoopCalls(IdentifierCalls, RegionCalls):
         str
             Path of the bag.
         """
-        return self.call(
-            StopRecording, "recorder/stop", wait_for_run=run, wait_for_step=step, timeout=0.5 * self.timeout
-        ).uri
+        # The other half is for the recorder to close the bag, and to report what is missing.
+        wait = {"timeout": min(0.5 * self.timeout, LONGEST_STOP)}
+        return self.call(StopRecording, "recorder/stop", wait, wait_for_run=run, wait_for_step=step).uri
 
     # -- messages
+
+    def _reached_step(self) -> int | None:
+        state = self._state
+        if state is None and BRIDGE_NODE in self.node_names():
+            state = self.rig.state
+        return int(state.step) if state is not None and state.run == self._run else None
 
     def _on_state(self, message: SimulatorState) -> None:
         self._state = message

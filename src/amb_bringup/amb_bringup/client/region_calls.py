@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from amb_bringup.client.connection import GraphConnection
 from amb_bringup.client.errors import ClientError
-from amb_bringup.client.request_fields import absolute, known_settings
+from amb_bringup.client.request_fields import absolute, with_settings
 from amb_msgs.action import BuildMap
 from amb_msgs.msg import RegionState as RegionStateMessage
 from amb_ros import topics
@@ -20,11 +22,15 @@ if TYPE_CHECKING:
     from amb_core.regions.region_map import MapProgress, RegionMap
 
 
+QUIET = 1.0  # s without a region message after which no other one is expected
+
+
 class RegionCalls(GraphConnection):
     """Calls the node region_monitor, and listens to it."""
 
     _run = 0  # number of the present run
     _region: RegionStateMessage | None = None
+    _region_time = -math.inf  # when it arrived, in the steady clock (s)
     _region_subscription: Any = None  # made at the first request for regions
 
     def use_run(self, run: int) -> None:
@@ -38,7 +44,9 @@ class RegionCalls(GraphConnection):
         self._run = max(self._run, run)
 
     def region_state(self) -> RegionState:
-        """The region in which the bearing runs, with its features; waits for the first message of the monitor.
+        """The region in which the bearing runs in the present run, with its features; waits for the first one.
+
+        While the loop stands, it also waits until the monitor has processed all steps of the run.
 
         Returns
         -------
@@ -46,8 +54,25 @@ class RegionCalls(GraphConnection):
             The latest state that the region monitor has published.
         """
         self._listen_to_regions()
-        self.wait_until(lambda: self._region is not None, complaint="no region received; is region_monitor running?")
+        self.process_arrived()
+        began = time.monotonic()
+
+        def is_latest() -> bool:
+            region, reached, now = self._region, self._reached_step(), time.monotonic()
+            if region is None or self._run not in (0, region.run):  # 0: nobody reports a run
+                return False
+            if reached is not None and region.next_step >= reached:
+                return True
+            return now > max(began, self._region_time) + QUIET or now > began + 0.5 * self.timeout
+
+        self.wait_until(
+            is_latest, complaint="no region of the present run received; has it run, and is region_monitor running?"
+        )
         return self._region_state()
+
+    def _reached_step(self) -> int | None:
+        """The step that the loop has reached in the present run, None where nobody reports it."""
+        return None
 
     def wait_for_region(self, region: Region, timeout: float | None = None) -> RegionState:
         """Wait until the rotor is in a region in the present run.
@@ -121,14 +146,13 @@ class RegionCalls(GraphConnection):
                 region_map = region_map_from_message(feedback.map) if feedback.map.amplitude else None
                 progress(MapProgress(feedback.done, feedback.total, feedback.reused, region_map))
 
+        own = {"parameter_file": absolute(parameter_file), "path": absolute(path)}
         result = self.act(
             BuildMap,
             "region_monitor/build_map",
             on_feedback=on_feedback,
             cancelled=cancelled or (lambda: False),
-            parameter_file=absolute(parameter_file),
-            path=absolute(path),
-            **known_settings(BuildMap.Goal, settings),
+            **with_settings(BuildMap.Goal, own, settings),
         )
         if not result.map.amplitude:
             raise ClientError(result.message)
@@ -153,4 +177,4 @@ class RegionCalls(GraphConnection):
             )
 
     def _on_region(self, message: RegionStateMessage) -> None:
-        self._region = message
+        self._region, self._region_time = message, time.monotonic()

@@ -30,10 +30,11 @@ def controller_name(name: str | Path) -> str:
     return absolute(name) if str(name).lower().endswith(FILES) else str(name)
 
 
-def known_settings(request: Any, settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings of a request, after a check that it has fields of these names."""
+def with_settings(request: Any, own: dict[str, Any], settings: dict[str, Any]) -> dict[str, Any]:
+    """Fields of a request: those that the client fills in, and settings, which must be other fields of it."""
     known = request.get_fields_and_field_types()
     for name in settings:
-        if name not in known:
-            raise ClientError(f"unknown setting '{name}'; allowed: {', '.join(known)}")
-    return settings
+        if name not in known or name in own:
+            why = f"'{name}' is no setting: the client fills it in" if name in own else f"unknown setting '{name}'"
+            raise ClientError(f"{why}; allowed: {', '.join(field for field in known if field not in own)}")
+    return {**own, **settings}

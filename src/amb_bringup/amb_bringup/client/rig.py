@@ -149,6 +149,10 @@ class Rig:
         ClientError
             If the run ends before, with the reason, or telemetry stands still for longer than the client's timeout.
         """
+        with self._client.alone():
+            self._wait_for_step(step, progress)
+
+    def _wait_for_step(self, step: int, progress: Callable[[int], None] | None) -> None:
         first = self.wait_for_state()
         seen, deadline = -1, time.monotonic() + self._client.timeout
         while (state := self.wait_for_state()).step < step:
