@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from amb_controller_node.excitation_input import ExcitationInput
@@ -34,6 +35,7 @@ from amb_ros.signals import AxisSignalPublishers
 
 RIG = "bridge"  # source of a machine that is no simulated one
 FLUSH_PERIOD = 0.1  # s of wall-clock time without a sample after which a partial block of telemetry is published
+DELIVERY = Duration(seconds=0.5)  # longest wait at the end until the last telemetry has arrived everywhere
 LARGEST_POSITION = 1.0  # m; far above every clearance, and far below values that would overflow in the control law
 
 
@@ -88,6 +90,12 @@ class ControllerNode(Node):
         self._flush_timer = self.create_timer(
             FLUSH_PERIOD, self._on_flush_timer, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
+
+    def let_go(self) -> None:
+        """Publish the samples since the last block of telemetry."""
+        if self.context.ok():
+            self._flush()
+            self._telemetry_publisher.wait_for_all_acked(DELIVERY)
 
     def finish(self) -> None:
         """Cancel an excitation that is being made."""
@@ -286,8 +294,8 @@ class ControllerNode(Node):
         for error in (self._machine_error, refused, self._rate_error, self._changed_machine()):
             if error:
                 return diagnostics.ERROR, error, values
-        if self._machine_input.problem:
-            return diagnostics.WARN, self._machine_input.problem, values
+        if warning := self._machine_input.problem or self._excitation.problem:
+            return diagnostics.WARN, warning, values
         return diagnostics.OK, "answering" if self._step >= 0 else "no position yet", values
 
     def _changed_machine(self) -> str:

@@ -2,7 +2,8 @@
 
 A worker makes the samples of a definition, so the loop continues meanwhile. The answer follows when they are ready.
 There is one exception: a controller may join a run in which an excitation is already active. It then delays its answers
-to positions until it has the samples, so that the samples of the loop do not depend on how long that takes.
+to positions until it has the samples, so that the samples of the loop do not depend on how long that takes. If the
+excitation arrives only after the longest wait, the answer names the steps that were run without it.
 """
 
 from __future__ import annotations
@@ -26,12 +27,14 @@ from amb_core.ground.plain_text import plain_text
 from amb_core.loop.machine import Machine
 from amb_msgs.msg import Excitation, ExcitationStatus
 from amb_ros import topics
+from amb_ros.alarms import RecentProblem
 from amb_ros.excitation_answers import ExcitationAnswers, Identity, answer_to, identity_of
 from amb_ros.excitation_messages import Checked, check, read, require_samples, resolve
 from amb_ros.qos import EVERY_STATE
 from amb_ros.subscriptions import create_subscription
 
 JOIN_TIME = 1.0  # s of wall-clock time for which a controller that joins a run waits for its active excitation
+LONGEST_JOIN = 3  # times as long where the topic has a publisher: Fast DDS repeats after 3 s what got lost
 
 Window = Callable[[int], tuple[int, NDArray[np.float64]]]
 
@@ -73,6 +76,9 @@ class ExcitationInput:
         self._pending: _Pending | None = None
         self._joining: Timer | None = None
         self._joined = False
+        self._waits = 0  # of `JOIN_TIME` that are over
+        self._joined_at = (0, 0)  # run and step of the first answer without an excitation, if it joined that run
+        self._late = RecentProblem()
         self._started = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="excitation")
         self._answers = ExcitationAnswers(node)
@@ -84,6 +90,17 @@ class ExcitationInput:
         """Cancel the work in progress."""
         self._pending = None
         self._worker.shutdown(wait=False, cancel_futures=True)
+
+    @property
+    def problem(self) -> str:
+        """Why an answer waits longer than usual, or which steps were lately run without their excitation; or empty."""
+        if self._waits and not self._joined:
+            run, step = self._position()
+            topic = self._subscription.topic_name
+            return (
+                f"step {step + 1} of run {run} waits for the excitation that may be under way: {topic} has a publisher"
+            )
+        return self._late.text
 
     def reference(self, run: int, step: int, nominal: list[float]) -> list[float]:
         """Reference position of each axis at a step (m) from the nominal one."""
@@ -217,9 +234,12 @@ class ExcitationInput:
             self._answers.refuse(status, problem)
         else:
             if pending.late:
-                self._node.get_logger().warning(
-                    f"excitation {status.id} was under way from step {first_step}: applied from step {step + 1}"
-                )
+                joined_run, joined_step = self._joined_at
+                missed = max(first_step, joined_step if joined_run == run else 0)
+                status.message = f"arrived late: steps {missed} to {step} were run without it"
+                late = f"excitation {status.id} of run {run} {status.message}"
+                self._late.note(late)
+                self._node.get_logger().warning(late)
             steps = pending.checked.steps
             identity = (*pending.identity[:-1], first_step)
             self._playing = _Playing(pending.run, first_step, steps, pending.window, identity, pending.machine)
@@ -229,6 +249,11 @@ class ExcitationInput:
     # -- joining a run
 
     def _on_join_timer(self) -> None:
+        self._waits += 1
+        if self._waits < LONGEST_JOIN and self._node.count_publishers(self._subscription.topic_name):
+            return
+        run, step = self._position()
+        self._joined_at = run, step + 1
         self._end_joining()
 
     def _end_joining(self) -> None:

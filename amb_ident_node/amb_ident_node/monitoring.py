@@ -45,6 +45,8 @@ class RegionWatch:
         The last gap or error in the telemetry of this run; empty if there is none.
     next_step : int
         Step that continues the telemetry of this run: all steps before it have been processed.
+    awaited : int or None
+        A later run that has begun and of which no telemetry has come yet; None if there is none.
     """
 
     def __init__(self, parameters: RegionParameters, publish_period: float) -> None:
@@ -56,6 +58,7 @@ class RegionWatch:
         self.restarts = 0
         self.refused = 0
         self.problem = ""
+        self.awaited: int | None = None
         self._classifier: RegionClassifier | None = None
         self._used_machine = False  # in this run
         self.next_step = 0
@@ -103,8 +106,8 @@ class RegionWatch:
 
     @property
     def machine_problem(self) -> str:
-        """How the bearings of the present run are not those of the machine; empty if they are."""
-        if self._classifier is None:
+        """How the bearings of the present run are not those of the machine; empty if they are, or without telemetry."""
+        if self._classifier is None or self.awaited is not None:
             return ""
         layout = self._classifier.layout
         if self._machine is not None and layout == layout_of(self._machine):
@@ -120,8 +123,13 @@ class RegionWatch:
 
     @property
     def conflict(self) -> str:
-        """Steps of this run that arrived twice with different samples; empty if there are none."""
-        return self._repeated.conflict
+        """Steps of the present run that arrived twice with different samples; empty if there are none."""
+        return "" if self.awaited is not None else self._repeated.conflict
+
+    def begin(self, run: int) -> None:
+        """Note that a run has begun, which is known before its first telemetry."""
+        if run > (self.run or 0):
+            self.awaited = run
 
     def stand(self, run: int, step: int) -> list[RegionState]:
         """Note that the simulator stands still before a step. Returns the states to publish.
@@ -142,7 +150,7 @@ class RegionWatch:
 
     def _start(self, run: int, block: LoopRecord) -> None:
         self.run, self.sample_time = run, block.sample_time
-        self.state, self.problem = None, ""
+        self.state, self.problem, self.awaited = None, "", None
         self._classifier = None
         self._used_machine = self._machine is not None and self._machine.axis_names == block.axes
         layout = layout_without_machine(block.axes)

@@ -12,9 +12,9 @@ from rclpy.subscription import Subscription
 
 from amb_ident_node.recorded_topics import RecordedTopic
 from amb_ros import topics
+from amb_ros.diagnostics import UNKNOWN_NODES
 from amb_ros.qos import offered_profile
 
-UNKNOWN = "_NODE_NAME_UNKNOWN_"  # of rmw: the publisher is known before its node is
 DISCOVERY_TIMEOUT = 2.0  # s
 DISCOVERY_QUIET = 1.0  # s without a new publisher, after which all are assumed to be known
 DISCOVERY_END = 10.0  # s after the start of the node, after which all are assumed to be known
@@ -57,7 +57,7 @@ class Publishers:
         nodes: dict[str, set[str]] = {}
         for topic in names:
             for end in self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic)):
-                if end.node_name not in ("", UNKNOWN):
+                if end.node_name not in UNKNOWN_NODES:
                     nodes.setdefault(f"{end.node_namespace.rstrip('/')}/{end.node_name}", set()).add(topic)
         return nodes
 

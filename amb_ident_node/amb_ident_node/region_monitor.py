@@ -147,12 +147,14 @@ class RegionMonitorNode(Node):
             self._diagnostics.publish()
 
     def _on_simulator_state(self, message: SimulatorState) -> None:
+        self._watch.begin(message.run)
         if message.mode == SimulatorState.DELEVITATED:
             self._publish(self._watch.delevitate(message.run, message.step))
         elif message.mode in (SimulatorState.PAUSED, SimulatorState.FAULT):
             self._publish(self._watch.stand(message.run, message.step))
 
     def _on_bridge_state(self, message: BridgeState) -> None:
+        self._watch.begin(message.run)
         if message.run and message.mode in (BridgeState.OFF, BridgeState.TRIPPED):
             self._publish(self._watch.stand(message.run, message.step))
 
@@ -255,6 +257,7 @@ class RegionMonitorNode(Node):
 
     def _report(self) -> diagnostics.Report:
         watch = self._watch
+        begins = watch.awaited is not None  # a run, of which nothing is known yet
         values: dict[str, object] = {
             "run": watch.run,
             "next step": watch.next_step,
@@ -264,8 +267,8 @@ class RegionMonitorNode(Node):
             "malformed blocks": self._malformed,
             "region map": self._building or "none in progress",
         }
-        level, summary = diagnostics.OK, "no region yet"
-        if watch.state is not None:
+        level, summary = diagnostics.OK, f"no region yet in run {watch.awaited}" if begins else "no region yet"
+        if watch.state is not None and not begins:
             region = watch.state.region
             level = {Region.A: diagnostics.OK, Region.D: diagnostics.ERROR}.get(region, diagnostics.WARN)
             summary = region_report.summary(watch.state)

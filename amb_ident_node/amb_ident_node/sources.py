@@ -99,7 +99,8 @@ class LoopSources:
             loop = read(request.bag, known, first_step=request.first_step, steps=request.steps)
         else:
             data = self._live.data(request.first_step, request.steps)
-            data = replace(data, clearance=self._clearance(data.output_names))
+            # As a file whose controller is `none`: without a controller of their own they would get the paper's.
+            data = replace(data, clearance=self._clearance(data.output_names), foreign=name == NO_CONTROLLER)
             running = None if name else self._running_controller(data.sample_rate)
             loop = RecordedLoop(data, running, self._read(PlantParameters, self._simulator) if with_plant else None)
         remark = f"; bag is truncated: {loop.damage}" if loop.damage else ""

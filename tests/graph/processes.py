@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import re
 import select
@@ -13,10 +14,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from amb_ros import shared_memory
+from amb_ros.shared_memory import SHARED_MEMORY
+
 if TYPE_CHECKING:
     from tests.graph.zygote import Zygote
 
-SHARED_MEMORY = Path("/dev/shm")
 SEGMENT = re.compile(r"/dev/shm/(fastrtps_[0-9a-f]{16})\b")
 DUMP_TIME = 10.0  # s; longest wait for the stacks of a process
 
@@ -147,13 +150,15 @@ class ForkedNode(NodeProcess):
 def remove_shared_memory(processes: Sequence[NodeProcess]) -> None:
     """Remove the segments of Fast DDS that killed processes of a graph have left; call it when all have ended.
 
-    A segment has a random name, and was seen in the killed process itself. Ports are left alone: they have numbers,
-    which the next participant on this machine takes, and Fast DDS itself finds out that their owner is dead.
+    A segment has a random name, and was seen in the killed process itself, which also has those of its peers open: one
+    whose lock is held is of a process that lives. Ports are left alone: they have numbers, which the next participant
+    on this machine takes, and Fast DDS itself finds out that their owner is dead.
     """
     for process in processes:
         for name in process.segments:
-            for path in (SHARED_MEMORY / name, SHARED_MEMORY / f"{name}_el"):
-                path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError), (SHARED_MEMORY / f"{name}_el").open("rb") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shared_memory.remove([SHARED_MEMORY / name])
 
 
 def segments_of(pid: int) -> set[str]:

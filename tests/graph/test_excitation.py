@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import time
 from array import array
 from copy import copy
@@ -21,6 +22,7 @@ from amb_core.plant.machine import machine_of
 from amb_core.plant.simulation import simulate
 from amb_msgs.msg import AxisReference, CurrentReference, Excitation, ExcitationStatus, RotorPosition
 from amb_msgs.srv import StartExcitation
+from amb_ros.diagnostics import WARN
 from amb_ros.qos import EVERY_STATE, LATCHED, STREAM
 from tests.graph.bearing import Bearing, machine_message, machine_publisher
 from tests.graph.limits import TIMEOUT
@@ -364,6 +366,49 @@ def test_a_controller_that_joins_an_excited_run_waits_for_the_samples(graph, loo
     expected = law.update((0.0, 0.0), (float(samples[599_900 - first, 0]), 0.0))
     assert (loop.answered[0].step, *loop.answered[0].current) == (600_000, *expected)
     assert expected[0] != 0.0
+
+
+def test_an_excitation_that_arrives_too_late_names_the_steps_that_were_run_without_it(graph, loop) -> None:
+    first = graph.start(CONTROLLER)
+    generator = graph.start(GENERATOR)
+    loop.wait_for_controller()
+    loop.reach(5, 0)
+    started = graph.call(
+        StartExcitation, "/amb/excitation_generator/start", kind="square", amplitude=1e-5, duration=1.0, run=5,
+        first_step=100,
+    )  # fmt: skip
+    assert started.success, started.message
+    graph.stop(first)
+    generator.send_signal(signal.SIGSTOP)  # what it has published reaches nobody until it goes on
+    try:
+        graph.start(CONTROLLER)
+        loop.wait_for_controller()
+        user, bearing = User(graph), Bearing(graph)
+        for step in (1_000, 1_001):
+            loop.reach(5, step)
+    finally:
+        generator.send_signal(signal.SIGCONT)
+    graph.wait_until(lambda: user.answers, "the answer")
+    answer = user.answers[-1]
+    assert (answer.accepted, answer.first_step, answer.steps) == (True, 100, 10_000)
+    assert answer.message == "arrived late: steps 1000 to 1001 were run without it"
+    told = f"excitation {answer.id} of run 5 {answer.message}"
+    graph.wait_until(lambda: (WARN, told) in words_of(bearing, "amb/pd_controller"), "the warning")
+
+
+def test_a_controller_that_joins_a_run_waits_longer_where_somebody_publishes_excitations(graph, loop) -> None:
+    graph.node.create_publisher(Excitation, "/amb/excitation", LATCHED)
+    bearing = Bearing(graph)
+    graph.start(CONTROLLER)
+    loop.wait_for_controller()
+    loop.reach(5, 1_000)
+    told = "step 1000 of run 5 waits for the excitation that may be under way: /amb/excitation has a publisher"
+    graph.wait_until(lambda: (WARN, told) in words_of(bearing, "amb/pd_controller"), "the warning")
+
+
+def words_of(bearing: Bearing, name: str) -> list[tuple[bytes, str]]:
+    """Levels and texts of a node on /diagnostics."""
+    return [(status.level, status.message) for status in bearing.diagnostics if status.name == name]
 
 
 def test_a_controller_that_joins_a_run_without_excitation_answers(graph, loop) -> None:

@@ -102,9 +102,7 @@ def test_a_model_is_judged_by_another_run_and_from_a_file(loop: Loop, record: Lo
 
 
 def test_delevitation_is_judged_live_as_from_a_bag(graph: Graph, record: LoopRecord, tmp_path: Path) -> None:
-    clearance = 0.8 * float(np.linalg.norm(record.position, axis=1).max())
-    axes = tuple(MachineAxis(name, "a", 0.0, 0.0, DIRECTIONS[name], 2.5, 3.0) for name in record.axes)
-    machine = Machine("ours", "simulator", 1.0 / SAMPLE_TIME, axes, (MachineBearing("a", clearance),))
+    machine = linear_machine(record, 0.8 * float(np.linalg.norm(record.position, axis=1).max()))
     publisher = machine_publisher(graph.node)
     loop = Loop(graph)
     graph.wait_until(publisher.get_subscription_count, "the identifier")
@@ -122,6 +120,12 @@ def test_delevitation_is_judged_live_as_from_a_bag(graph: Graph, record: LoopRec
     ]  # behind the names of the data
     assert findings[0] and findings[0] == findings[1]
     assert live.verdict == from_bag.verdict
+
+
+def linear_machine(record: LoopRecord, clearance: float = 250e-6) -> Machine:
+    """A machine of one bearing with the axes of a record."""
+    axes = tuple(MachineAxis(name, "a", 0.0, 0.0, DIRECTIONS[name], 2.5, 3.0) for name in record.axes)
+    return Machine("ours", "simulator", 1.0 / SAMPLE_TIME, axes, (MachineBearing("a", clearance),))
 
 
 def write_bag(folder: Path, machine: Machine, record: LoopRecord, run: int) -> Path:
@@ -145,6 +149,19 @@ def test_no_controller_is_assumed(loop: Loop, record: LoopRecord, tmp_path: Path
         )
         assert "node /amb/other did not report its parameters within 0.1 s" in call(controller="other").message
         assert f"parameter file {tmp_path}/no.yaml" in call(controller=f"{tmp_path}/no.yaml").message
+
+
+def test_none_leaves_the_closed_loop_out_of_live_data_as_of_a_bag(
+    loop: Loop, record: LoopRecord, tmp_path: Path
+) -> None:
+    run = loop.publish(record)
+    bag = write_bag(tmp_path / "bag", linear_machine(record), record, run)
+    part = {"order": 4, "first_step": FIRST_STEP, "steps": STEPS - FIRST_STEP, "controller": "none"}
+    live, from_bag = loop.identify(**part), loop.identify(bag=str(bag), **part)
+    assert live.success, live.message
+    assert "closed loop not simulated" in live.message
+    assert list(live.model.fit) == list(from_bag.model.fit) == []
+    assert (live.verdict, live.message) == (from_bag.verdict, from_bag.message)
 
 
 def test_a_parameter_file_names_the_controller(loop: Loop, record: LoopRecord, tmp_path: Path) -> None:

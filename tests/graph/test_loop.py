@@ -352,6 +352,22 @@ def _answered(publisher: Any, answers: list[CurrentReference]) -> bool:
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_a_controller_that_ends_in_a_run_publishes_all_samples_that_it_has_answered(graph, bearing, by):
+    graph.start(SIMULATOR)
+    controller = graph.start(CONTROLLER, parameters={"telemetry_block": 10_000})
+    answers: list[CurrentReference] = []
+    graph.node.create_subscription(CurrentReference, "/amb/current_reference", answers.append, STREAM)
+    run = bearing.reset()
+    bearing.run(0)
+    graph.wait_until(lambda: answers and answers[-1].step > 50, "some steps")
+    assert graph.stop(controller, by) == (0, "")
+    bearing.wait_for_mode(SimulatorState.WAITING)
+    answered = {answer.step for answer in answers if answer.run == run}
+    assert max(answered) < 10_000, "the first block was full"
+    bearing.record(run, len(answered))
+
+
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_nodes_end_cleanly_when_told_to(graph, by):
     processes = {module: graph.start(module) for module in (SIMULATOR, CONTROLLER, GENERATOR, COMPOSED)}
     nodes = ["excitation_generator", "pd_controller", "pd_controller", "simulator", "simulator"]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from amb_core.excitation import Sweep
 from amb_core.loop.records import LoopRecord
@@ -239,11 +240,13 @@ class Monitored:
     def wait_for_health(self, region: str) -> None:
         """Wait until the last status of the monitor on /diagnostics begins with this region."""
 
-        def last() -> str:
-            own = [status for status in self.bearing.diagnostics if status.name == "amb/region_monitor"]
-            return own[-1].message.split(";")[0] if own else ""
+        graph = self.bearing.graph
+        graph.wait_until(lambda: self.health().message.split(";")[0] == region, f"'{region}' on /diagnostics")
 
-        self.bearing.graph.wait_until(lambda: last() == region, f"'{region}' on /diagnostics")
+    def health(self) -> DiagnosticStatus:
+        """The last status of the monitor on /diagnostics, an empty one before its first."""
+        own = [status for status in self.bearing.diagnostics if status.name == "amb/region_monitor"]
+        return own[-1] if own else DiagnosticStatus()
 
     def wait_for_report(self, text: str) -> None:
         """Wait until the monitor reports this on /diagnostics."""
@@ -294,6 +297,21 @@ def test_health_says_at_once_that_the_rotor_delevitated(monitored: Monitored, dr
     assert (last.region, last.settled) == (Region.D, False)
     monitored.play(fallen)
     monitored.wait_for_health("region D, delevitated")
+
+
+def test_health_of_a_run_ends_when_a_later_one_begins(monitored: Monitored, drifting: LoopRecord) -> None:
+    graph, node = monitored.bearing.graph, monitored.bearing.graph.node
+    states = node.create_publisher(SimulatorState, "/amb/simulator/state", EVERY_STATE)
+    graph.wait_until(states.get_subscription_count, "the monitor")
+    position = np.full((1_000, 2), 400e-6)
+    run = monitored.play(LoopRecord(0, 1e-4, np.zeros_like(position), position, np.zeros_like(position)))
+    monitored.wait_for_health("region D, delevitated")
+    states.publish(SimulatorState(run=run + 1, mode=SimulatorState.PAUSED))
+    monitored.wait_for_health(f"no region yet in run {run + 1}")
+    assert monitored.health().level == DiagnosticStatus.OK
+    monitored.play(drifting.window(0, 1_000))
+    monitored.wait_for_health("region A, steady bias, too early for B and C")
+    node.destroy_publisher(states)
 
 
 def test_a_gap_is_reported_and_classification_restarts(monitored: Monitored, drifting: LoopRecord) -> None:

@@ -32,6 +32,15 @@ WRONG_PARAMETERS = [
         "'derivative_gains' = [38.0, -1.0] is not allowed; allowed: a list",
     ),
     (CONTROLLER, {"proportional_gain": float("nan")}, "'proportional_gain' = nan is not allowed"),
+    (
+        CONTROLLER,
+        {"colour": 1},
+        "unknown parameter 'colour' = 1; known: proportional_gain, derivative_gain, derivative_fi",
+    ),
+    (CONTROLLER, {"proportional_gain": True}, "'proportional_gain' = True is not allowed; allowed: 0 to 1e+06 A/m"),
+    (CONTROLLER, {"proportional_gain": "21000"}, "'proportional_gain' = '21000' is not allowed; allowed: 0 to 1e+06"),
+    (SIMULATOR, {"autostart": 1}, "'autostart' = 1 is not allowed; allowed: true or false"),
+    (SIMULATOR, {"plant_state_steps": 1.0}, "'plant_state_steps' = 1.0 is not allowed; allowed: whole numbers, 0 to"),
     (GENERATOR, {"sample_rate": 1e4}, "unknown parameter 'sample_rate'"),
     (IDENTIFIER, {"order": 99}, "'order' = 99 is not allowed; allowed: 1 to 40"),
 ]
@@ -54,3 +63,37 @@ def test_wrong_parameter_stops_the_node_at_start_with_one_line(refused, number):
     errors = refused[number].said
     assert WRONG_PARAMETERS[number][2] in errors
     assert len(errors.strip().splitlines()) == 1
+
+
+def test_an_unknown_parameter_is_not_answered_with_one_that_is_refused(refused):
+    asked = [parameters for _, parameters, _ in WRONG_PARAMETERS].index({"colour": 1})
+    refused[asked].wait_for_end(TIMEOUT)
+    assert "sample_rate" not in refused[asked].said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere.yaml'"),
+        (["-r", "__ns:=left"], "Couldn't parse remap rule: '-r __ns:=left'"),
+        (["-p", "proportional_gain"], "Couldn't parse parameter override rule: '-p proportional_gain'"),
+        (["--colour"], "unknown arguments after --ros-args: ['--colour']"),
+    ],
+    ids=str,
+)
+def test_arguments_that_ros_cannot_use_stop_the_node_with_one_line(graph, arguments, line):
+    ended_with(graph.start(CONTROLLER, *arguments), line)
+
+
+@pytest.mark.parametrize("named", ["300", "abc"])
+def test_what_is_no_domain_stops_the_node_with_one_line(graph, named):
+    graph.environment["ROS_DOMAIN_ID"] = named
+    ended_with(graph.start(CONTROLLER), f"ROS_DOMAIN_ID = '{named}' is not allowed; allowed: 0 to 232")
+
+
+def ended_with(process: NodeProcess, line: str) -> None:
+    """Assert that a node ends and says so in one line of its own; rcl has one, too."""
+    process.wait_for_end(TIMEOUT)
+    assert process.returncode == 1
+    (own,) = [said for said in process.said.splitlines() if "[rcl]" not in said]
+    assert own.startswith(f"[amb] {line}")

@@ -16,7 +16,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from amb_bringup.client.errors import ClientError
 from amb_bringup.graph.launch_file import NodeProcess, read_launch_file
 from amb_bringup.graph.launcher import Graph, own_domain
 from amb_bringup.graph.packages import LaunchError, find_executable
@@ -329,5 +328,5 @@ def test_two_sessions_get_different_domains(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize("given", ["abc", "-1", "233", "7.0"])
 def test_a_domain_that_is_none_is_refused_with_what_is_allowed(monkeypatch: pytest.MonkeyPatch, given: str) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", given)
-    with pytest.raises(ClientError, match=rf"'?ROS_DOMAIN_ID'? = '{given}' is not allowed; allowed: 0 to 232"):
+    with pytest.raises(LaunchError, match=rf"'?ROS_DOMAIN_ID'? = '{given}' is not allowed; allowed: 0 to 232"):
         own_domain()

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import functools
 import subprocess
 import sys
+import threading
 import warnings
 from pathlib import Path
 
@@ -73,16 +76,49 @@ def test_only_a_library_that_lacks_the_newer_call_has_the_fault(tmp_path: Path) 
     assert not overflowed_wait.has_fault(compiled(tmp_path, "int nothing;"))
 
 
-def test_without_a_compiler_there_is_one_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def uncorrected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A library with the fault, as the only one of a process that has not been corrected."""
     library = compiled(tmp_path, LIBRARY)
     monkeypatch.setattr(overflowed_wait, "_loaded_libraries", lambda: [(library, 0)])
+    monkeypatch.setattr(overflowed_wait, "_correct_once", functools.cache(overflowed_wait._correct_once.__wrapped__))
+    return library
+
+
+def test_two_threads_at_once_correct_a_process_once(uncorrected: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corrected: list[int] = []
+    both = threading.Barrier(2)
+
+    def correct_at(address: int) -> None:
+        corrected.append(address)
+        with contextlib.suppress(threading.BrokenBarrierError):
+            both.wait(0.5)  # for the other thread, which must not come here
+
+    monkeypatch.setattr(overflowed_wait, "correct_at", correct_at)
+    threads = [threading.Thread(target=overflowed_wait.correct) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert corrected == [0]
+
+
+def test_a_cache_folder_that_is_not_absolute_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    assert overflowed_wait.build().parent == tmp_path / "home" / ".cache" / "amb"
+    assert not (tmp_path / "cache").exists()
+
+
+def test_without_a_compiler_there_is_one_warning(
+    uncorrected: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("PATH", "")
-    overflowed_wait.correct.cache_clear()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         overflowed_wait.correct()
         overflowed_wait.correct()
-    overflowed_wait.correct.cache_clear()
-    assert [str(item.message).partition(" has a fault")[0] for item in warned] == [str(library)]
+    assert [str(item.message).partition(" has a fault")[0] for item in warned] == [str(uncorrected)]
     assert "gcc" in str(warned[0].message)

@@ -67,6 +67,19 @@ def test_a_new_run_starts_afresh_and_forgets_what_was_wrong(watch: RegionWatch, 
     assert (watch.run, watch.problem) == (8, "")
 
 
+def test_a_later_run_is_awaited_until_its_telemetry_comes(watch: RegionWatch, quiet: LoopRecord) -> None:
+    watch.add_block(7, quiet.window(0, 3_000))
+    watch.begin(7)
+    assert watch.awaited is None
+    watch.begin(8)
+    watch.add_block(7, quiet.window(3_000, 3_000))
+    assert (watch.run, watch.awaited) == (7, 8), "the rest of the run before it comes late"
+    watch.add_block(8, quiet)
+    assert (watch.run, watch.awaited) == (8, None)
+    watch.begin(7)
+    assert watch.awaited is None, "which is older"
+
+
 def test_a_block_that_cannot_be_classified_is_left_out(watch: RegionWatch, quiet: LoopRecord) -> None:
     position = quiet.position.copy()
     position[2_100, 0] = math.inf

@@ -68,6 +68,24 @@ def test_a_lamp_says_region_a_only_where_the_other_regions_were_looked_for(page:
     assert shown[1][0] == "C" and shown[1][1].startswith("Cy slow oscillation")
 
 
+@pytest.mark.parametrize(
+    ("sections", "reason"),
+    [
+        ({"plant": {"what": "simulator", "mode": "paused", "run": 7}}, ""),
+        ({"plant": {"what": "simulator", "mode": "paused", "run": 8}}, "new run"),
+        ({"plant": {"what": "rig", "mode": "off", "run": 7}}, "off"),
+        ({"plant": {"what": "simulator", "mode": "paused", "run": 8}, "away": ["plant"]}, "simulator away"),
+        ({}, ""),
+    ],
+)
+def test_lamps_are_put_out_when_their_regions_hold_no_longer(page: Any, sections: dict[str, Any], reason: str) -> None:
+    told = page.evaluate(
+        "async (sections) => (await import('./regions.js')).outdatedBecause(sections)",
+        {"region": {"run": 7}} | sections,
+    )
+    assert told == reason
+
+
 def boundary(page: Any, amplitude: list[float], frequencies: list[float | None]) -> Any:
     region_map = {"amplitude": amplitude, "boundaries": {"C": frequencies}}
     return page.evaluate("async (map) => (await import('./map.js')).boundaryOf(map, 'C')", region_map)

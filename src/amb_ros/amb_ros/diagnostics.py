@@ -23,6 +23,8 @@ Report = tuple[bytes, str, Mapping[str, object]]
 TOPIC = "/diagnostics"
 INSTANCE = "instance"
 """Key whose value differs between two nodes of one name: process and computer, and a number of its own."""
+UNKNOWN_NODES = ("", "_NODE_NAME_UNKNOWN_")
+"""Names that rmw gives the node of a publisher as long as it knows the publisher alone, as at the start of the node."""
 LAST_ALARM = "last alarm"
 """Key whose value is the last WARN or ERROR that is over, with its times."""
 
@@ -91,7 +93,8 @@ class DiagnosticsReporter:
         texts = [namesakes] if namesakes else []
         for topic in self._exclusive:
             ends = self._node.get_publishers_info_by_topic(topic)
-            names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends}
+            known = [end for end in ends if end.node_name not in UNKNOWN_NODES]
+            names = {f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in known}
             twice = {name for name in names if self._namesakes.lives_twice(name.lstrip("/"))}
             publishers = sorted([*names, *twice])
             if len(publishers) > 1:

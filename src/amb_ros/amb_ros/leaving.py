@@ -41,10 +41,12 @@ class Finishing(Protocol):
 
 @runtime_checkable
 class Holding(Protocol):
-    """A node that holds something up with the help of other nodes, such as a rotor whose loop another one closes."""
+    """A node that holds something that it cannot let go without others: a rotor in a loop that another one closes, or
+    samples that others have not got yet.
+    """
 
     def let_go(self) -> None:
-        """Do without them. Called once, while the graph is still there; it must not raise."""
+        """Let it go. Called once, while the graph is still there; it must not raise."""
 
 
 def leave_graph(context: Context, executor: Executor, nodes: Sequence[Node], code: int | None = None) -> None:

@@ -19,6 +19,7 @@ import hashlib
 import mmap
 import os
 import subprocess
+import threading
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,15 +27,21 @@ from pathlib import Path
 from rclpy.utilities import get_rmw_implementation_identifier
 
 SOURCE = Path(__file__).with_suffix(".c")
+_CORRECTING = threading.Lock()  # two threads may join a graph at the same time, each with a context of its own
 LIBRARIES = ("libfastrtps.so", "libfastdds.so")  # names of Fast DDS until version 2, since version 3
 
 
-@functools.cache
 def correct() -> None:
     """Correct the middleware of this process if it has the fault; call it before the process joins a graph.
 
     A correction that is not possible, as without gcc, is a warning: the process works, and may hang when it ends.
     """
+    with _CORRECTING:
+        _correct_once()
+
+
+@functools.cache
+def _correct_once() -> None:
     get_rmw_implementation_identifier()  # loads the middleware
     for path, address in _loaded_libraries():
         if has_fault(path):
@@ -43,7 +50,7 @@ def correct() -> None:
             except (OSError, RuntimeError, subprocess.SubprocessError) as problem:
                 reason = getattr(problem, "stderr", None) or problem
                 text = f"{path} has a fault that can hang this process when it ends; it was not corrected: {reason}"
-                warnings.warn(text, stacklevel=2)
+                warnings.warn(text, stacklevel=3)
 
 
 def correct_at(address: int) -> None:
@@ -78,7 +85,8 @@ def has_fault(library: Path) -> bool:
 def build() -> Path:
     """The library with the corrected call, built now if there is none of this source in the user's cache."""
     source = SOURCE.read_bytes()
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "amb"
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))  # one that is not absolute does not count, by its specification
+    cache = (named if named.is_absolute() else Path.home() / ".cache") / "amb"
     library = cache / f"overflowed_wait-{hashlib.sha256(source).hexdigest()[:16]}.so"
     if not library.exists():
         cache.mkdir(parents=True, exist_ok=True)

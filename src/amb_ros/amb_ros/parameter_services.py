@@ -74,12 +74,22 @@ def _parameter(node: Node, message: ParameterMessage, declared: Mapping[str, Dec
             raise ParameterError(f"parameter '{message.name}' is given without a value")
         return Parameter.from_parameter_msg(message)  # rclpy has the message
     declaration = declared[message.name]
-    if declaration.type is float and type(value) is int:
-        value = float(value)
-    if declaration.type is tuple and isinstance(value, list) and all(type(item) in (int, float) for item in value):
+    require_type(declaration, value)
+    if isinstance(value, list):
         return Parameter(message.name, Parameter.Type.DOUBLE_ARRAY, array("d", value))
-    if type(value) is not declaration.type:
+    return Parameter(message.name, value=declaration.type(value))
+
+
+def require_type(declaration: Declaration, value: object) -> None:
+    """Raise ParameterError if a value is of another type than declared; a whole number may stand for any number."""
+    wanted = declaration.type
+    if wanted is tuple and isinstance(value, list | array):
+        fits = all(type(item) in (int, float) for item in value)
+    else:
+        fits = type(value) is wanted or (wanted is float and type(value) is int)
+    if not fits:
+        value = value.tolist() if isinstance(value, array) else value
+        allowed = f"whole numbers, {declaration.allowed}" if wanted is int else declaration.allowed
         raise ParameterError(
-            f"parameter '{message.name}' = {reprlib.repr(value)} is not allowed; allowed: {declaration.allowed}"
+            f"parameter '{declaration.name}' = {reprlib.repr(value)} is not allowed; allowed: {allowed}"
         )
-    return Parameter(message.name, value=value)

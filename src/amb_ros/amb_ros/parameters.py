@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import reprlib
 from array import array
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar, cast
@@ -20,7 +22,7 @@ from amb_core.ground.parameters import (
     refuse_those_of_machine,
     validate,
 )
-from amb_ros.parameter_services import guard_parameter_services
+from amb_ros.parameter_services import guard_parameter_services, require_type
 from amb_ros.rclpy_inside import set_read_only, writable
 
 P = TypeVar("P", bound=Parameters)
@@ -57,6 +59,7 @@ def declare(
     known = cast(Mapping[str, Parameter], node.get_parameters_by_prefix(""))
     given = {name: parameter.value for name, parameter in known.items() if not of_rclpy(name)}
     try:
+        _require_declared(parameters, given)
         values = _checked(parameters, given, check)
     except ParameterError as problem:
         raise ParameterError(f"{node.get_fully_qualified_name()}: {problem}") from None
@@ -98,8 +101,19 @@ def replace(node: Node, values: Parameters) -> None:
         raise ParameterError(f"{node.get_fully_qualified_name()}: {result.reason}")
 
 
-def _checked(parameters: type[P], given: Mapping[str, object], check: Callable[[P], None] | None) -> P:
+def _require_declared(parameters: type[P], given: Mapping[str, object]) -> None:
+    """Refuse what a node is started with as it is refused at run time: unknown names, and values of another type."""
     refuse_those_of_machine(parameters, given)
+    declared = {item.name: item for item in own_declarations(parameters)}
+    for name, value in given.items():
+        if name not in declared:
+            close = difflib.get_close_matches(name, declared, n=1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(declared)}"
+            raise ParameterError(f"unknown parameter '{name}' = {reprlib.repr(value)}; {hint}")
+        require_type(declared[name], value)
+
+
+def _checked(parameters: type[P], given: Mapping[str, object], check: Callable[[P], None] | None) -> P:
     values = validate(parameters, given)
     if check is not None:
         check(values)

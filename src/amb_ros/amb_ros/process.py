@@ -6,6 +6,7 @@ import contextlib
 import faulthandler
 import gc
 import os
+import re
 import signal
 import sys
 import traceback
@@ -15,14 +16,16 @@ from typing import NoReturn
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import get_default_context
 from threadpoolctl import threadpool_limits
 
-from amb_core.ground.errors import AmbError
+from amb_core.ground.errors import AmbError, ParameterError, one_line
 from amb_ros import middleware, shared_memory
+from amb_ros.domain import require_domain
 from amb_ros.interruptions import ending_signals
 from amb_ros.leaving import leave_graph
 
@@ -32,7 +35,8 @@ SPIN_TIMEOUT = 0.1  # s
 def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = None) -> NoReturn:
     """Make the nodes, spin them on one EventsExecutor until SIGINT, SIGTERM or SIGHUP, end the process.
 
-    A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1.
+    A node that refuses its parameters raises an `AmbError`: its text goes to stderr as one line, and the code is 1. So
+    do arguments and a domain that ROS cannot use.
     SIGUSR1 writes the stacks of all threads to stderr, for a process that hangs.
     """
     threadpool_limits(1)  # small matrices: more BLAS threads would only take cores from the other nodes
@@ -42,9 +46,11 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
         signal.signal(number, lambda _number, _frame: end.ask_for())
     middleware.configure()
     shared_memory.remove_dead_segments()
-    # rclpy would shut the context down in its own thread. While a node is being made that can fail without a message,
-    # and rclpy then has nothing left to shut down: no signal would end the process.
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        _join_graph(args)
+    except AmbError as problem:
+        print(f"[amb] {problem}", file=sys.stderr)
+        sys.exit(1)
     code = _run(factories, end)
     shared_memory.remove(shared_memory.owned(os.getpid()))  # of a node that a thread still uses
     # Exit at once. Python would wait for threads whose results are no longer needed. Then destructors of libraries
@@ -53,6 +59,25 @@ def run_nodes(factories: Sequence[Callable[[], Node]], args: list[str] | None = 
         with contextlib.suppress(OSError):  # of a terminal that has been closed
             output.flush()
     os._exit(code)
+
+
+def _join_graph(args: list[str] | None) -> None:
+    """Initialise rclpy; ParameterError for a domain, a file or other arguments that it cannot use.
+
+    rclpy would shut the context down in its own thread. While a node is being made that can fail without a message, and
+    rclpy then has nothing left to shut down: no signal would end the process.
+    """
+    require_domain()
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except rclpy_implementation.UnknownROSArgsError as problem:
+        raise ParameterError(f"unknown arguments after --ros-args: {one_line(problem)}") from None
+    except rclpy_implementation.RCLError as problem:
+        text = _SOURCE_LINE.sub("", str(problem)).removeprefix("failed to initialize rcl: ")
+        raise ParameterError(one_line(text)) from None
+
+
+_SOURCE_LINE = re.compile(r"\s*, at /\S+:\d+")  # of rcl, which means nothing to a user
 
 
 class _End:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 import time
 import weakref
@@ -28,14 +27,13 @@ from amb_bringup.client.errors import ClientError, NoAnswerError
 from amb_bringup.client.messages import filled
 from amb_core.ground.given_values import number, refusal, texts, whole_number
 from amb_ros import interruptions, middleware
+from amb_ros.domain import LAST_DOMAIN, require_domain
 from amb_ros.leaving import leave_graph_and_go_on
 from amb_ros.rejections import RejectionListener
 from amb_ros.requests import PendingRequest
 
 UNKNOWN = "; it may have been carried out: look at the state of the node before you ask again"
 RESULT_PERIOD = 4.0  # s until the result of a goal is asked for again; less than the 10 s for which rclpy keeps results
-DOMAIN = "ROS_DOMAIN_ID"
-LAST_DOMAIN = 232
 REASON_TIMEOUT = 5.0  # s; longest wait for the published reason of a rejection
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
@@ -386,18 +384,13 @@ def seconds(name: str, value: float) -> float:
 
 
 def checked_domain(domain: int | None) -> int | None:
-    """A DDS domain, None for that of ROS_DOMAIN_ID; ClientError for one that ends the process.
-
-    Beyond the last domain, whose ports are the highest that there are, the middleware ends the process.
-    """
+    """A DDS domain, None for that of ROS_DOMAIN_ID; ClientError for one that ends the process."""
     if domain is not None:
         chosen = whole_number("domain_id", domain, ClientError)
         if not 0 <= chosen <= LAST_DOMAIN:
             raise refusal("domain_id", domain, f"0 to {LAST_DOMAIN}", ClientError)
         return chosen
-    named = os.environ.get(DOMAIN, "")
-    if named and not (named.isdecimal() and int(named) <= LAST_DOMAIN):
-        raise refusal(DOMAIN, named, f"0 to {LAST_DOMAIN}", ClientError)
+    require_domain(ClientError)
     return None
 
 

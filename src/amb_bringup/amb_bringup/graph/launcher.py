@@ -24,6 +24,7 @@ from types import TracebackType
 from amb_bringup.graph.launch_file import NodeProcess, read_launch_file
 from amb_bringup.graph.packages import LaunchError, share_folder
 from amb_ros import interruptions, shared_memory
+from amb_ros.domain import DOMAIN, require_domain
 
 POLL_PERIOD = 0.05  # s
 # Signal, patience (s). Not SIGINT: an interpreter that is still starting would write a traceback. On a busy machine a
@@ -45,14 +46,10 @@ def own_domain() -> int:
 
     Raises
     ------
-    ClientError
-        If ROS_DOMAIN_ID is no domain.
     LaunchError
-        If all are reserved.
+        If ROS_DOMAIN_ID is no domain, or all are reserved.
     """
-    from amb_bringup.client.connection import DOMAIN, checked_domain  # takes a second to import
-
-    checked_domain(None)
+    require_domain(LaunchError)
     given = os.environ.get(DOMAIN)
     return int(given) if given else _reservation()[0]
 
@@ -178,7 +175,8 @@ class Graph:
         behind: the next signal is sent at once. What nodes that did not end by themselves leave in shared memory is
         removed.
         """
-        left = [path for process in self.processes.values() for path in shared_memory.owned(process.pid)]
+        running = [process for process in self.processes.values() if process.poll() is None]
+        left = [path for process in running for path in shared_memory.owned(process.pid)]
         with interruptions.held_back() as interrupted:
             for number, patience in STOP_STAGES:
                 self._end(number, patience, interrupted)

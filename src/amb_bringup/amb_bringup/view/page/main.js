@@ -6,7 +6,7 @@ import { addLines, showModel, showNodes, showTrips } from "./lists.js";
 import { drawMap, noteRegion } from "./map.js";
 import { drawOrbits, makeOrbits } from "./orbits.js";
 import { Orders } from "./orders.js";
-import { showRegions } from "./regions.js";
+import { atRest, isOver, outdatedBecause, showRegions } from "./regions.js";
 import { Samples } from "./samples.js";
 import { drawSpectrum } from "./spectrum.js";
 import { drawStrips } from "./strips.js";
@@ -73,8 +73,10 @@ const SHOW = {
 function show({ sections, log }) {
   Object.assign(state.sections, sections);
   for (const [name, value] of Object.entries(sections)) SHOW[name]?.(value);
-  if (sections.region || sections.plant || sections.away) showRegions(find("lamps"), state.sections.region, unjudged());
-  if (sections.map || sections.region || sections.away) showMap();
+  if (sections.region || sections.plant || sections.away) {
+    showRegions(find("lamps"), state.sections.region, outdatedBecause(state.sections));
+  }
+  if (sections.map || sections.region || sections.plant || sections.away) showMap();
   if (log.length) addLines(find("log-list"), log);
   showStatus();
 }
@@ -84,21 +86,9 @@ function isAway(section) {
   return (state.sections.away || []).includes(section);
 }
 
-// Why the last regions hold no longer; empty while they do.
-function unjudged() {
-  if (isAway("region")) return "region monitor away";
-  return isAway("plant") ? `${state.sections.plant.what} away` : atRest();
-}
-
 function showMap() {
-  const present = !isAway("region") && !isAway("plant");
+  const present = !isAway("region") && !isAway("plant") && !isOver(state.sections);
   drawMap(find("plane"), state.sections.map, present ? state.sections.region : null);
-}
-
-// Why nothing is excited or judged now; empty while the rotor is levitated.
-function atRest() {
-  const plant = state.sections.plant;
-  return plant?.what === "rig" && plant.mode !== "levitated" ? plant.mode : "";
 }
 
 function showWindows(layout) {
@@ -138,7 +128,7 @@ function showExcitation() {
   const left = (excitation.first + excitation.steps - samples.step) * (samples.layout.sampleTime || 0);
   let text = `Excitation refused: ${excitation.message}`;
   if (excitation.accepted) {
-    const ended = excitation.kind === "stop" || left <= 0 || excitation.run !== samples.layout.run || atRest();
+    const ended = excitation.kind === "stop" || left <= 0 || excitation.run !== samples.layout.run || atRest(state.sections.plant);
     text = ended ? "No excitation." : `Excitation: ${excitation.kind}, ${short(left)} s left.`;
   }
   if (isAway("excitation") || isAway("plant")) text = "Excitation not known: its node is away.";

@@ -17,6 +17,23 @@ function unjudgedBecause(axis, settled) {
   return `none found, ${[...axis.not_judged].join(" and ")} not judged`;
 }
 
+// Why nothing is excited or judged now; empty while the rotor is levitated.
+export function atRest(plant) {
+  return plant?.what === "rig" && plant.mode !== "levitated" ? plant.mode : "";
+}
+
+// Whether the run of the last regions is over: the plant has begun a later one.
+export function isOver({ region, plant }) {
+  return Boolean(region && plant && plant.run > region.run);
+}
+
+// Why the last regions hold no longer; empty while they do.
+export function outdatedBecause({ region, plant, away = [] }) {
+  if (away.includes("region")) return "region monitor away";
+  if (away.includes("plant")) return `${plant.what} away`;
+  return atRest(plant) || (isOver({ region, plant }) ? "new run" : "");
+}
+
 // The lamps; `away` says why the last regions hold no longer, and is empty while they do.
 export function showRegions(list, region, away = "") {
   list.previousElementSibling.hidden = Boolean(region);
