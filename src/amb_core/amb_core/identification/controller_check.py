@@ -177,7 +177,7 @@ def _finding(
             return Finding("controller", Severity.INFO, what, where)
         return Finding(
             "controller", Severity.WARNING, what, where,
-            "no other gains, sign, derivative, order of the axes or shift of the currents fits either: give the "
+            "no other gains, sign, derivative, order of the axes or shift of a signal fits either: give the "
             "controller of this experiment, and signals that it received and returned",
         )  # fmt: skip
     left = f"but for {100.0 * trial.worst:.2g} % with {'; '.join(text for text, _ in differences)}"
@@ -190,6 +190,7 @@ def _differences(controller: KnownController, trial: Trial, data: Identification
     return [
         *_axis_differences(trial, data),
         *_time_differences(controller, trial),
+        *_late_differences(trial, data),
         *_derivative_differences(controller, trial),
         *_limit_differences(controller, trial),
         *_gain_differences(controller, trial, data.input_names),
@@ -229,6 +230,23 @@ def _time_differences(controller: KnownController, trial: Trial) -> Iterator[Dif
     if trial.rate != 1.0:
         time = 1e3 / (trial.rate * controller.sample_rate)
         yield f"a sample time of {time:g} ms", f"correct the sample time of the data to {time:g} ms"
+
+
+def _late_differences(trial: Trial, data: IdentificationData) -> Iterator[Difference]:
+    """Positions or references that were recorded beside the currents of other steps."""
+    names = data.output_names
+    for signal, late in (("position", trial.late_positions), ("reference", trial.late_references)):
+        if not any(late):
+            continue
+        wrong = ", ".join(name for name, samples in zip(names, late, strict=True) if samples)
+        samples = next(filter(None, late))
+        size, way = abs(samples), "late" if samples > 0 else "early"
+        plural = "s" if size > 1 else ""
+        yield (
+            f"the {signal}s {wrong} {size} sample{plural} {way}",
+            f"move the {signal}s {wrong} by {-samples:+d} sample{plural}: the row of a step holds the {signal} from "
+            "which its current was computed",
+        )
 
 
 def _derivative_differences(controller: KnownController, trial: Trial) -> Iterator[Difference]:

@@ -1,7 +1,7 @@
 """Laws that could have computed the currents of a record, each by least squares, and the simplest that fits.
 
-Other gains, the other sign, the derivative of the other signal, currents of another axis, currents some samples earlier
-or later, another filter or sample time, a constant.
+Other gains, the other sign, the derivative of the other signal, currents of another axis, currents, positions or
+references some samples earlier or later, another filter or sample time, a constant.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ class Trial:
     position: tuple[int, ...] = ()  # axis whose position it uses; empty: its own
     reversed_position: tuple[bool, ...] = ()
     limits: tuple[float, ...] = ()  # where currents end that have another limit, A
+    late_positions: tuple[int, ...] = ()  # samples by which each was recorded late, early if negative; empty: none
+    late_references: tuple[int, ...] = ()  # likewise
 
     @property
     def worst(self) -> float:
@@ -156,6 +158,7 @@ def named(controller: KnownController, record: LoopRecord, share: float) -> Tria
         ]
         if min(trial.worst for trial in trials) > least:
             trials += _filtered_trials(controller, record)
+    trials += _late_trials(controller, record)
     best = min(trial.worst for trial in trials)
     if best > least:
         return None
@@ -267,6 +270,32 @@ def _linear_trials(controller: LinearControl, record: LoopRecord) -> Iterator[Tr
     free = free_samples(part, controller.current_limit)
     for shift in _SHIFTS:
         yield _best_sources(part, columns, np.ones((axes, 1)), free, shift, 0)
+
+
+def _late_trials(controller: KnownController, record: LoopRecord) -> Iterator[Trial]:
+    """The law as given, of positions or references that were recorded late or early: those of all axes, or of one.
+
+    Nothing is fitted: free gains would follow a shift that noise only suggests.
+    """
+    axes = len(record.axes)
+    together, alone = np.ones(axes, dtype=int), np.eye(axes, dtype=int) if axes > 1 else ()
+    same = tuple(range(axes)), np.ones((axes, 1)), np.zeros(axes)
+    still = np.isnan(given_shares(controller, record))
+
+    def left_by(changed: LoopRecord, ends: int) -> Arrays:
+        left = given_shares(controller, changed.window(record.first_step + ends, record.steps - 2 * ends))
+        return np.where(np.isnan(left), np.where(still, 0.0, math.inf), left)
+
+    for late, who in itertools.product(_SHIFTS[1:], (together, *alone)):
+        samples = tuple((late * who).tolist())
+        position, reference = (_in_time(signal, samples) for signal in (record.position, record.reference))
+        yield Trial(left_by(replace(record, position=position), abs(late)), *same, late_positions=samples)
+        yield Trial(left_by(replace(record, reference=reference), abs(late)), *same, late_references=samples)
+
+
+def _in_time(columns: Arrays, late: tuple[int, ...]) -> Arrays:
+    """Columns moved by the samples by which each is late; the first and the last rows are of the other end."""
+    return np.column_stack([np.roll(column, -samples) for column, samples in zip(columns.T, late, strict=True)])
 
 
 def _best_sources(

@@ -360,7 +360,8 @@ RULES: tuple[tuple[Rule, str, str, str], ...] = (
     (_stable, "closed loop stable", "poles of model and controller", "refused; not known: reservations"),
     (_controller, "controller", "recorded currents against those it computes from the recorded positions",
      "reservations, also if it is not known"),
-    (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, and outliers", "reservations"),
+    (_sound, "samples", "frozen, missing, repeated, coarse or exchanged signals, outliers, and slow drift",
+     "reservations"),
     (_followed, "closed-loop fit", "simulated from the reference alone; compared with what a regression of up to "
      f"{LAGS[-1]} lags on the references reaches, whatever the model, each axis: more than {SHORT_OF_POSSIBLE:g} "
      "points worse", "refused; not known: reservations"),

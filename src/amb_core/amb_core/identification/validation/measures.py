@@ -34,7 +34,7 @@ class Measures(Result):
     model : StateSpaceModel
         The model.
     data : IdentificationData
-        The data, with removed trends added again, without tones that their reference lacks.
+        The data, with removed trends added again, without tones that their reference lacks and without slow drift.
     horizons : tuple of int
         Requested prediction horizons (steps).
     prediction : Prediction
@@ -52,7 +52,7 @@ class Measures(Result):
     controller_check : Finding
         Whether the controller computed the recorded currents.
     findings : tuple of Finding
-        What the samples of the data show, see `check_recording`.
+        What the samples of the data show, see `check_recording`, and the drift that was removed from them.
     band_errors : tuple of BandError
         Error of the model's response in each band of which the data say anything.
     deviations : tuple of Deviation

@@ -32,6 +32,7 @@ from amb_core.identification.prediction import Prediction, predict
 from amb_core.identification.progress import SearchEnd
 from amb_core.identification.uncertainty.model_uncertainty import ModelUncertainty
 from amb_core.identification.validation.deviations import effects_of, find_deviations
+from amb_core.identification.validation.drift import levelled, undrifted
 from amb_core.identification.validation.frequency import compare_responses, in_open_loop
 from amb_core.identification.validation.judge import NOTED
 from amb_core.identification.validation.model_error import response_errors, variance_of_estimate
@@ -137,6 +138,8 @@ def _validate(
     recorded = restore(_fitting(data, model))
     cure = cure_tones(recorded)
     data = recorded if cure is None else cure.data
+    drift = undrifted(data)
+    data = data if drift is None else drift.data
     if horizons is None:
         shortest = min(item.steps for item in data.experiments)
         horizons = [horizon for horizon in HORIZONS if 2 * horizon <= shortest]
@@ -149,6 +152,9 @@ def _validate(
         in_model = constant is None or not _fits_without(model, data, constant)
         if constant is not None and not in_model:
             data = _without(data, constant)
+            model = with_noise_model(given, data)
+        if drift is not None:
+            data = levelled(data, given, drift.size)
             model = with_noise_model(given, data)
         prediction = predict(model, data, horizons)
         references = [item.inputs if in_open_loop(data) else item.reference for item in data.experiments]
@@ -164,10 +170,11 @@ def _validate(
         loop = _closed_loop(model, data, constant if in_model else None, controller, prediction)
         known = controller if loop.closed_loop is not None else None
         errors = response_errors(model, data, prediction.residuals, known, open_loop=in_open_loop(data))
+        errors = tuple(band for band in errors if drift is None or band.low >= drift.corner)
         deviations = find_deviations(model, data, prediction, known)
         ringing = _ringing(model, data, prediction, quiet)
         frequency, frequency_notes = compare_responses(model, data, controller, uncertainty, plant)
-    findings = tuple(check_recording(recorded))
+    findings = (*check_recording(recorded), *(() if drift is None else (drift.finding,)))
     noted = [f"{one.check}: {one.text}" for one in findings if one.check == NOTED and one.severity is not Severity.INFO]
     return Validation(
         model,
