@@ -392,8 +392,8 @@ def test_an_excitation_that_arrives_too_late_names_the_steps_that_were_run_witho
     answer = user.answers[-1]
     assert (answer.accepted, answer.first_step, answer.steps) == (True, 100, 10_000)
     assert answer.message == "arrived late: steps 1000 to 1001 were run without it"
-    told = f"excitation {answer.id} of run 5 {answer.message}"
-    graph.wait_until(lambda: (WARN, told) in words_of(bearing, "amb/pd_controller"), "the warning")
+    report = f"excitation {answer.id} of run 5 {answer.message}"
+    graph.wait_until(lambda: (WARN, report) in words_of(bearing, "amb/pd_controller"), "the warning")
 
 
 def test_a_controller_that_joins_a_run_waits_longer_where_somebody_publishes_excitations(graph, loop) -> None:
@@ -402,8 +402,8 @@ def test_a_controller_that_joins_a_run_waits_longer_where_somebody_publishes_exc
     graph.start(CONTROLLER)
     loop.wait_for_controller()
     loop.reach(5, 1_000)
-    told = "step 1000 of run 5 waits for the excitation that may be under way: /amb/excitation has a publisher"
-    graph.wait_until(lambda: (WARN, told) in words_of(bearing, "amb/pd_controller"), "the warning")
+    report = "step 1000 of run 5 waits for the excitation that may be under way: /amb/excitation has a publisher"
+    graph.wait_until(lambda: (WARN, report) in words_of(bearing, "amb/pd_controller"), "the warning")
 
 
 def words_of(bearing: Bearing, name: str) -> list[tuple[bytes, str]]:

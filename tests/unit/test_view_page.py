@@ -79,11 +79,11 @@ def test_a_lamp_says_region_a_only_where_the_other_regions_were_looked_for(page:
     ],
 )
 def test_lamps_are_put_out_when_their_regions_hold_no_longer(page: Any, sections: dict[str, Any], reason: str) -> None:
-    told = page.evaluate(
+    shown = page.evaluate(
         "async (sections) => (await import('./regions.js')).outdatedBecause(sections)",
         {"region": {"run": 7}} | sections,
     )
-    assert told == reason
+    assert shown == reason
 
 
 def boundary(page: Any, amplitude: list[float], frequencies: list[float | None]) -> Any:

@@ -26,6 +26,8 @@ from pathlib import Path
 
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from amb_core.ground.files.cache_folder import cache_folder
+
 SOURCE = Path(__file__).with_suffix(".c")
 _CORRECTING = threading.Lock()  # two threads may join a graph at the same time, each with a context of its own
 LIBRARIES = ("libfastrtps.so", "libfastdds.so")  # names of Fast DDS until version 2, since version 3
@@ -85,8 +87,7 @@ def has_fault(library: Path) -> bool:
 def build() -> Path:
     """The library with the corrected call, built now if there is none of this source in the user's cache."""
     source = SOURCE.read_bytes()
-    named = Path(os.environ.get("XDG_CACHE_HOME", ""))  # one that is not absolute does not count, by its specification
-    cache = (named if named.is_absolute() else Path.home() / ".cache") / "amb"
+    cache = cache_folder()
     library = cache / f"overflowed_wait-{hashlib.sha256(source).hexdigest()[:16]}.so"
     if not library.exists():
         cache.mkdir(parents=True, exist_ok=True)

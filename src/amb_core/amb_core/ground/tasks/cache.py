@@ -6,7 +6,6 @@ import contextlib
 import hashlib
 import json
 import logging
-import os
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -15,25 +14,6 @@ from amb_core.ground.errors import AmbError, TaskError
 from amb_core.ground.tasks.task import R, Task
 
 logger = logging.getLogger(__name__)
-
-
-def cache_folder(subject: str) -> Path:
-    """Folder of results for this user: amb/<subject> in the cache folder of the XDG base directories.
-
-    Parameters
-    ----------
-    subject : str
-        Name of the kind of results.
-
-    Returns
-    -------
-    Path
-        The folder, whether it exists or not.
-    """
-    cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    if not cache.is_absolute():  # to be ignored, says the specification
-        cache = Path.home() / ".cache"
-    return cache / "amb" / subject
 
 
 class ResultCache:

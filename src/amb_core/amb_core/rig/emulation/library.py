@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from amb_core.ground.errors import TargetError
-from amb_core.ground.tasks.cache import cache_folder
+from amb_core.ground.files.cache_folder import cache_folder
 from amb_core.rig.link import build_library
 from amb_core.rig.link.reference import SOURCE
 
