@@ -48,6 +48,16 @@ PY
     fail "needs CPython 3.11 or 3.12 with venv and C headers${problems:-; none found} (AMB_PYTHON names another one)"
 }
 
+# An environment keeps its Python: one that is named later is not passed over in silence.
+check_python() {
+    local origin='import os, sys; print(os.path.realpath(sys._base_executable))' candidate present
+    [ "$(cat "$venv_root" 2>/dev/null)" = "$root" ] && present=$("$venv/bin/python" -c "$origin" 2>/dev/null) || return 0
+    for candidate in ${AMB_PYTHON:-}; do
+        [ "$("$candidate" -c "$origin" 2>/dev/null)" != "$present" ] || return 0
+    done
+    [ -z "${AMB_PYTHON:-}" ] || fail "AMB_PYTHON is $AMB_PYTHON, but .venv was made from $present; to change it: rm -r .venv"
+}
+
 checksum() { sha256sum | cut -d ' ' -f 1; }
 
 venv_state() { printf '%s\n%s\n' "$root" "$(cat requirements.txt requirements.hashes 2>/dev/null | checksum)"; }
@@ -175,8 +185,9 @@ correction() {
 }
 
 build_correction() {
-    ( source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()' ) ||
-        say "warning: without it a node can hang when it ends"
+    local problem
+    problem=$( (source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()') 2>&1 ) ||
+        say "warning: a node can hang when it ends, as its correction could not be built: ${problem##*$'\n'}"
 }
 
 case $root in *[[:space:]]*)
@@ -191,6 +202,7 @@ for tool in git make g++; do command -v "$tool" > /dev/null || missing+=("$tool"
 for name in ${EXTRAS:-}; do
     [ -f "requirements-$name.txt" ] || fail "EXTRAS: there is no extra '$name'; allowed: $(extras)"
 done
+check_python
 if [ "$(cat "$venv_stamp" 2>/dev/null)" != "$(venv_state)" ] || [ ! -x "$venv/bin/python" ]; then make_venv; fi
 add_extras
 compiling=()

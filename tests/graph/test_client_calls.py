@@ -133,7 +133,7 @@ def test_a_run_that_another_client_ends_is_an_error_at_once(
     [
         (None, "no state of run 5 within 2 s; is the simulator running"),
         ((4, 9, SimulatorState.PAUSED), "no state of run 5 within 2 s; is the simulator running"),
-        ((5, 3, SimulatorState.WAITING), "stood at step 3 for 2 s: .* waits for the controller; is it running"),
+        ((5, 3, SimulatorState.WAITING), "stood at step 3 for 2 s: .* waited for the controller .* are both running"),
         ((5, 3, SimulatorState.RUNNING), "no state after step 3 of run 5 within 2 s; is the simulator running"),
         ((5, 0, SimulatorState.PAUSED), "paused at step 0"),
     ],

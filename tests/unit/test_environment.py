@@ -1,4 +1,4 @@
-"""`source scripts/env.sh`: the packages of this checkout come first, whatever the environment holds."""
+"""`source scripts/env.sh` and set-up: the packages of this checkout come first, whatever the environment holds."""
 
 from __future__ import annotations
 
@@ -88,3 +88,12 @@ def test_another_shell_is_named() -> None:
 
 def test_the_only_middleware_of_the_wheels_is_taken() -> None:
     assert bash("echo $RMW_IMPLEMENTATION", RMW_IMPLEMENTATION="rmw_cyclonedds_cpp").stdout == "rmw_fastrtps_cpp\n"
+
+
+def test_a_python_that_is_named_after_set_up_is_not_passed_over() -> None:
+    named = os.environ | {"AMB_PYTHON": "/nowhere/python3.12"}
+    setup = subprocess.run(
+        ["bash", str(ROOT / "scripts" / "setup.sh")], env=named, capture_output=True, text=True, check=False
+    )
+    assert setup.returncode == 1
+    assert "AMB_PYTHON is /nowhere/python3.12, but .venv was made from" in setup.stderr

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -98,3 +100,12 @@ def test_a_page_makes_no_link_of_a_text_and_runs_nothing_from_elsewhere(tmp_path
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', text)
     assert policy and "default-src &#39;none&#39;" in policy[1] and "unsafe-inline&#39;; img" in policy[1]
     assert "script-src &#39;self&#39; file: &#39;sha256-" in policy[1]
+
+
+def test_a_terminal_without_our_signs_shows_others(tmp_path: Path) -> None:
+    ascii_only = os.environ | {"PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}
+    described = subprocess.run(
+        ["amb", "plant", "describe"], cwd=tmp_path, env=ascii_only, capture_output=True, check=False
+    )
+    assert described.returncode == 0, described.stderr
+    assert b"integration.sample_rate" in described.stdout

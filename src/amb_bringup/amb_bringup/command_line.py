@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import io
 import signal
 import sys
 
@@ -16,6 +17,9 @@ AT_EXIT = 30.0  # s, in which Python ends; a machine with thirty busy programs n
 def main() -> int:
     """Run `amb` with the arguments of the process; returns its exit code."""
     signal.signal(signal.SIGINT, leave)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without a sign shows another, and the command goes on
     from amb_bringup.cli import main as run
 
     code: str | int | None = 1  # also of an exception

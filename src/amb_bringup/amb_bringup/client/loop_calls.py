@@ -204,8 +204,8 @@ class LoopCalls(IdentifierCalls, RegionCalls):
             return f"no state of run {run} within {wait}; is the simulator running?"
         if state.mode == SimulatorState.WAITING:
             return (
-                f"the loop has stood at step {state.step} for {wait}: the simulator waits for the controller; is it "
-                "running?"
+                f"the loop has stood at step {state.step} for {wait}: the simulator waited for the controller when "
+                "it was last heard; are both running?"
             )
         if state.mode == SimulatorState.PAUSED:
             return f"the simulator has been paused at step {state.step} for {wait}"
