@@ -51,11 +51,12 @@ PY
 # An environment keeps its Python: one that is named later is not passed over in silence.
 check_python() {
     local origin='import os, sys; print(os.path.realpath(sys._base_executable))' candidate present
-    [ "$(cat "$venv_root" 2>/dev/null)" = "$root" ] && present=$("$venv/bin/python" -c "$origin" 2>/dev/null) || return 0
-    for candidate in ${AMB_PYTHON:-}; do
+    [ -n "${AMB_PYTHON:-}" ] && [ "$(cat "$venv_root" 2>/dev/null)" = "$root" ] || return 0
+    present=$("$venv/bin/python" -c "$origin" 2>/dev/null) || return 0
+    for candidate in $AMB_PYTHON; do
         [ "$("$candidate" -c "$origin" 2>/dev/null)" != "$present" ] || return 0
     done
-    [ -z "${AMB_PYTHON:-}" ] || fail "AMB_PYTHON is $AMB_PYTHON, but .venv was made from $present; to change it: rm -r .venv"
+    fail "AMB_PYTHON is $AMB_PYTHON, but .venv was made from $present; to change it: rm -r .venv"
 }
 
 checksum() { sha256sum | cut -d ' ' -f 1; }
