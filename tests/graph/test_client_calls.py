@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from amb_bringup.client import AmbClient, ClientError, RunEnd
-from amb_msgs.msg import AxisRegion, BearingRegion, RegionState, SimulatorState
+from amb_msgs.msg import AxisRegion, BearingRegion, BridgeState, RegionState, SimulatorState
 from amb_msgs.srv import Pause, RunSteps, StopRecording
+from amb_ros import topics
 from amb_ros.qos import EVERY_STATE, HISTORY
 from tests.graph.limits import TIMEOUT
 
@@ -192,6 +193,22 @@ def test_a_field_that_the_client_fills_in_is_no_setting(
     reason, allowed = str(caught.value).split("; allowed: ")
     assert reason == f"'{name}' is no setting: the client fills it in"
     assert "amplitude" in allowed and not {"kind", "first_step", name} & set(allowed.split(", "))
+
+
+# -- states of a rig
+
+
+def test_the_state_of_a_rig_is_the_latest_however_long_nothing_was_called(graph: Graph, simulator: Simulator) -> None:
+    """A rotor that has fallen meanwhile must not be called levitated."""
+    bridge = graph.node.create_publisher(BridgeState, f"/amb/{topics.BRIDGE_STATE}", EVERY_STATE)
+    with client_of(graph) as client:
+        graph.wait_until(lambda: client.rig and bridge.get_subscription_count() > 0, "the client")
+        bridge.publish(BridgeState(mode=BridgeState.LEVITATED, step=1))
+        assert client.rig.wait_for_state().mode == BridgeState.LEVITATED
+        for step in range(2, 50):
+            bridge.publish(BridgeState(mode=BridgeState.TRIPPED, step=step))
+        assert bridge.wait_for_all_acked()
+        assert client.rig.wait_for_state().mode == BridgeState.TRIPPED
 
 
 # -- threads

@@ -111,7 +111,10 @@ class LoopCalls(IdentifierCalls, RegionCalls):
 
     @property
     def simulator_state(self) -> SimulatorState | None:
-        """The state that the simulator published last, None before the first one has arrived."""
+        """The last state of the simulator that a call has processed, None before the first.
+
+        After a time without calls, `process_arrived` comes first.
+        """
         return self._state
 
     def reset(self, parameter_file: str | Path | None = None) -> int:

@@ -48,9 +48,11 @@ class Rig:
     Attributes
     ----------
     state : BridgeState or None
-        The last state of the bridge; None before the first has arrived.
+        The last state of the bridge that a call has processed, None before the first; `wait_for_state` gives the
+        present one.
     trips : list of Trip
-        All trips since this object was made, and those before as far as the bridge still offers them.
+        All trips since this object was made, and those before as far as the bridge still offers them; like `state`, as
+        of the last call.
 
     Raises
     ------
@@ -136,7 +138,8 @@ class Rig:
         return self.life_cycle() in ("activating", "active")
 
     def wait_for_state(self) -> BridgeState:
-        """The state of the bridge, after waiting for the first."""
+        """The latest state of the bridge, however long nothing was called; waits for the first one."""
+        self._client.process_arrived()
         self._client.wait_until(lambda: self.state is not None, complaint=f"no state of {BRIDGE}; is it running?")
         assert self.state is not None
         return self.state
@@ -194,7 +197,8 @@ class Rig:
             REASON_TIMEOUT,
             f"{BRIDGE}: {label} failed; see its log",
         )
-        problem = self.wait_for_state().problem
+        assert self.state is not None
+        problem = self.state.problem  # the one just found, not a later one
         kind = RefusalError if f"{label} is not allowed" in problem else ClientError
         raise kind(f"{BRIDGE}: {problem}")
 
