@@ -84,6 +84,7 @@ def test_no_graph_is_started_beside_another_that_is_found_late(
     monkeypatch.setenv("ROS_DOMAIN_ID", str(graph.domain))
     monkeypatch.setattr(experiment_session, "graph_runs", lambda _amb: False)  # as on a loaded machine
     graph.start("amb_sim_node.simulator")
+    graph.wait_until(lambda: "simulator" in graph.node.get_node_names(), "the other graph")
     experiments = [Experiment("square", Square(amplitude=5e-6, duration=0.1, axes="x", frequency=20.0))]
     with pytest.raises(ClientError, match=f"another graph runs in the DDS domain {graph.domain}: .* simulator too"):
         run_session(experiments, tmp_path / "bag", GraphChoice(), lambda *_: None)
