@@ -215,8 +215,7 @@ class RecorderNode(Node):
         if self._ledger.within_run:
             self._departures.wait_for_signs()
         died = self._died()
-        for node in self._undescribed_nodes():
-            self._describe([node], max(self._stops.time_left, self._settings.parameter_timeout), for_a_stop=True)
+        silent = self._describe_the_rest()
         self._note_conflicts()
         with self._switching:
             recording.end()
@@ -227,8 +226,8 @@ class RecorderNode(Node):
         problems += died
         problems += [] if recording.failure else lacks
         problems += self._conflicts
-        if missing := self._undescribed_nodes():
-            problems.append(f"the parameters of {', '.join(missing)} are missing")
+        if silent:
+            problems.append(f"the parameters of {', '.join(silent)} are missing")
         response.success = not problems
         response.message = "; ".join(problems)
         response.uri = str(recording.folder)
@@ -386,6 +385,15 @@ class RecorderNode(Node):
                 self._next_attempt[name] = time.monotonic() + min(2.0 ** self._attempts[name], LONGEST_PAUSE)
                 self.get_logger().warning(f"{one_line(problem)} They are missing from the bag.")
         return parameters
+
+    def _describe_the_rest(self) -> list[str]:
+        """Describe all nodes for a stop, also those that are discovered meanwhile; returns those that do not answer."""
+        asked: set[str] = set()
+        while new := set(self._undescribed_nodes()) - asked:
+            for name in sorted(new):
+                self._describe([name], max(self._stops.time_left, self._settings.parameter_timeout), for_a_stop=True)
+            asked |= new
+        return sorted(asked - self._described)
 
     def _describe(self, nodes: Iterable[str], timeout: float | None = None, for_a_stop: bool = False) -> None:
         """Write the parameters of nodes that are missing from the bag, such as those that started after it."""

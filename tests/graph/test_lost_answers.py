@@ -125,6 +125,27 @@ def test_the_recorder_asks_until_the_bag_is_closed_and_says_which_parameters_are
     assert Recording.read(stopped.uri).parameters()["/amb/forgetful"] == {"gain": False}
 
 
+def test_a_node_that_is_discovered_during_a_stop_is_in_the_bag(graph: Graph) -> None:
+    node, answers = forgetful_node(graph, lost=1_000)
+    graph.start("amb_ident_node.recorder", parameters={"parameter_timeout": 0.2})
+    assert graph.call(StartRecording, "/amb/recorder/start", uri="bag").success
+    stopped = graph.asked(StopRecording, "/amb/recorder/stop", timeout=0.5 * TIMEOUT)
+
+    def wait_for_requests(count: int) -> None:
+        enough = len(answers[0]) + count
+        graph.wait_until(lambda: len(answers[0]) >= enough, "requests of the recorder")
+
+    wait_for_requests(2)  # the first may have been sent before the stop
+    late = graph.add_node("late", "/amb")
+    graph.wait_until(lambda: "recorder" in late.get_node_names(), "the recorder")
+    wait_for_requests(2)  # which gives it time to discover the node, too
+    for service in node.services:
+        vars(service).pop("send_response", None)
+    answer = stopped()
+    assert answer.success, answer.message
+    assert set(Recording.read(answer.uri).parameters()) == {"/amb/forgetful", "/amb/late", "/amb/recorder"}
+
+
 def test_a_client_leaves_the_graph_though_a_request_is_open(graph: Graph) -> None:
     _lose_answers(graph.node.create_service(GetModel, "/amb/identifier/get_model", lambda _, response: response), 1_000)
     for _ in range(3):
