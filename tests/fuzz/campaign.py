@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import shutil
+import signal
 import time
 from collections import deque
 from collections.abc import Callable
@@ -30,6 +31,7 @@ from tests.fuzz.hostile import Hostile, make_traps
 from tests.fuzz.targets import Target, find_targets, shown, tame, valid_messages
 
 WARM_UP = 0.5  # share of the campaign before the memory counts: code that is loaded on demand is no leak
+STACKS = 5.0  # s for a node that does not answer to write where its threads are
 RECENT = 20  # cases among which the cause of a death is looked for
 SETTLING_TIME = 1.0  # s without news after which the graph counts as discovered
 HOUSEKEEPING = 50  # cases between a pause, a reset and the end of a recording
@@ -218,7 +220,11 @@ class Campaign:
                 targets, since = now, time.monotonic()
             return bool(targets) and time.monotonic() - since > SETTLING_TIME
 
-        self._wait(settled, "discovery")
+        try:
+            self._wait(settled, "discovery")
+        except ClientError as problem:
+            known = ", ".join(sorted(self._connection.node_names())) or "none"
+            raise ClientError(f"{problem}; nodes that are known: {known}; their doors: {len(targets)}") from None
         return targets
 
     def _ask(self, service: Any, name: str, request: Any, repeated: bool = False) -> Any:
@@ -269,12 +275,33 @@ class Campaign:
             # A topic may be read after the probe was answered: the cause may be a case before this one.
             before = [f"case {case} on {earlier.name}" for case, earlier in self._recent if node in earlier.nodes]
             sent = f"sent to it: {', '.join(before)}"
-            note.add("death", node, "\n".join([what, sent, *self._nodes.lines(node)[-20:]]))
+            if node not in ended:
+                what += f"; another request is {self._whether_answered(node)}"
+            note.add("death", node, "\n".join([what, sent, *self._last_words(node)]))
             self._graph.restart(node)
             self._graph.limit_memory(node)
             self._bare.pop(node, None)  # a new process starts from nothing
             self._probe(node)
         self._graph.errors.take()  # they belong to the death
+
+    def _whether_answered(self, node: str) -> str:
+        """Whether a node answers now: if so, one answer of it was lost, and the node works."""
+        try:
+            self._probe(node)
+        except ClientError:
+            return "not answered"
+        return "answered"
+
+    def _last_words(self, node: str) -> list[str]:
+        """The last lines of a node; with the stacks of its threads, which it writes on SIGUSR1, if it still runs."""
+        before = self._nodes.lines(node)
+        process = self._nodes.processes[node]
+        if process.poll() is not None:
+            return before[-20:]
+        process.send_signal(signal.SIGUSR1)
+        with contextlib.suppress(ClientError):
+            self._connection.wait_until(lambda: len(self._nodes.lines(node)) > len(before) + 3, STACKS, "no stacks")
+        return self._nodes.lines(node)
 
     def _keep_house(self) -> None:
         """Pause, start a new run, end the recording and remove its bag."""
