@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from amb_bringup.client import AmbClient
-from amb_bringup.client.experiment import Experiment, RigStand, landing
+from amb_bringup.client.experiment import Experiment, ExperimentRun, RigStand, landing
 from amb_bringup.demos.demo_run import controller_of, plant_of, remove_results
 from amb_bringup.graph.own_graph import own_graph
 from amb_core.designs.excitation.beyond_a import highest_load
@@ -106,14 +106,14 @@ def run_rig_demo(
     with own_graph("rig", arguments, domain_id, RIG_NODES) as (graph, amb):
         if clear:
             remove_results(folder, FILES)
-        highest, stand = _HighestRegion(amb), RigStand(amb, progress)
+        highest, stand = HighestRegion(amb), RigStand(amb, progress)
         stand.prepare()
         bag = amb.start_recording(folder / "bag")
         with landing(stand, recorded=True):
             stand.levitate()
             for excitation in excitations:
-                run = stand.excite(Experiment(excitation.kind, excitation)).run
-                highest.require_a(excitation.kind)
+                done = stand.excite(Experiment(excitation.kind, excitation))
+                highest.require_a(done)
             model = _identified(amb, plant, progress)
         state = amb.rig.wait_for_state()
         graph.check()
@@ -122,7 +122,7 @@ def run_rig_demo(
     summary = RigDemoSummary(
         axes=list(plant.machine.axis_names),
         seconds=0.0,
-        run=run,
+        run=done.run,
         steps=int(state.step),
         lost=int(state.lost),
         doubled=int(state.doubled),
@@ -185,22 +185,32 @@ def _unhurried(parameter_file: Path, folder: Path) -> Path:
     return path
 
 
-class _HighestRegion:
+class HighestRegion:
     """The highest region that the monitor has reported, over all runs since this object was made."""
 
     def __init__(self, amb: AmbClient) -> None:
         self._seen: list[int] = []
+        self._processed = 0, 0  # run, and the step before which the monitor has processed its telemetry
         self._amb = amb
         create_subscription(amb.node, RegionState, topics.REGION, self._note, HISTORY)
 
     def _note(self, message: RegionState) -> None:
         self._seen.append(message.region)
+        self._processed = message.run, message.next_step
 
-    def require_a(self, kind: str) -> None:
-        """Raise AmbError if the rotor has left region A, or nobody has looked."""
-        self._amb.wait_until(lambda: bool(self._seen), complaint="no region received; is region_monitor running?")
+    def require_a(self, done: ExperimentRun) -> None:
+        """Raise AmbError if the rotor left region A before the end of an experiment, or nobody looked until then."""
+
+        def processed() -> bool:
+            run, step = self._processed
+            return run == done.run and step >= done.end
+
+        self._amb.wait_until(
+            processed, complaint=f"{done.name}: no region up to step {done.end} received; is region_monitor running?"
+        )
         if self.region > Region.A:
-            raise AmbError(f"the rotor left region A during the {kind}: region {self.region.name}; lower the amplitude")
+            reached = self.region.name
+            raise AmbError(f"the rotor left region A during the {done.name}: region {reached}; lower the amplitude")
 
     @property
     def region(self) -> Region:
