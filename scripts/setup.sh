@@ -181,14 +181,14 @@ build_target() {
 
 # Corrects a fault of the ROS wheels; a node builds it by itself when it is missing.
 correction() {
-    printf '%s/amb/overflowed_wait-%.16s.so' "${XDG_CACHE_HOME:-${HOME:-}/.cache}" \
-        "$(checksum < src/amb_ros/amb_ros/overflowed_wait.c)"
+    printf '%s/amb/corrected_calls-%.16s.so' "${XDG_CACHE_HOME:-${HOME:-}/.cache}" \
+        "$(checksum < src/amb_ros/amb_ros/corrected_calls.c)"
 }
 
 build_correction() {
     local problem
-    problem=$( (source scripts/env.sh; python -c 'import amb_ros.overflowed_wait as correction; correction.build()') 2>&1 ) ||
-        say "warning: a node can hang when it ends, as its correction could not be built: ${problem##*$'\n'}"
+    problem=$( (source scripts/env.sh; python -c 'import amb_ros.corrected_calls as correction; correction.build()') 2>&1 ) ||
+        say "warning: a node can hang when it ends or miss an answer, as its corrections could not be built: ${problem##*$'\n'}"
 }
 
 case $root in *[[:space:]]*)

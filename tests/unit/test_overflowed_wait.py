@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import functools
 import subprocess
 import sys
 import threading
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from amb_ros import overflowed_wait
+from amb_ros import corrected_calls, overflowed_wait
 
 LIBRARY = """
 #include <errno.h>
@@ -80,8 +79,8 @@ def test_only_a_library_that_lacks_the_newer_call_has_the_fault(tmp_path: Path) 
 def uncorrected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A library with the fault, as the only one of a process that has not been corrected."""
     library = compiled(tmp_path, LIBRARY)
-    monkeypatch.setattr(overflowed_wait, "_loaded_libraries", lambda: [(library, 0)])
-    monkeypatch.setattr(overflowed_wait, "_correct_once", functools.cache(overflowed_wait._correct_once.__wrapped__))
+    monkeypatch.setattr(overflowed_wait, "loaded_libraries", lambda *_: [(library, 0)])
+    monkeypatch.setattr(overflowed_wait, "correct", corrected_calls.once(overflowed_wait._correct))
     return library
 
 
@@ -107,7 +106,7 @@ def test_a_cache_folder_that_is_not_absolute_does_not_count(tmp_path: Path, monk
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", "cache")
-    assert overflowed_wait.build().parent == tmp_path / "home" / ".cache" / "amb"
+    assert corrected_calls.build().parent == tmp_path / "home" / ".cache" / "amb"
     assert not (tmp_path / "cache").exists()
 
 
