@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import threading
 import time
 from collections.abc import Callable
@@ -82,7 +83,11 @@ class ServedEmulator:
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            if not self._paused:
+            if not self._paused and self._has_room():
                 with self._lock:
                     self.emulator.run(self._block)
             time.sleep(5e-4)
+
+    def _has_room(self) -> bool:
+        """Whether the line takes more: that of a pseudo-terminal fills up where a busy machine holds up the host."""
+        return bool(select.select((), (self.emulator,), (), 0.0)[1])
